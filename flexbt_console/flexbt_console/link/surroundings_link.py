@@ -114,7 +114,9 @@ class SurroundingsFeed:
         ]
         if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
             raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
-        self._mirror.receive_tree_structure(message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp))
+        self._mirror.receive_tree_structure(
+            message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number
+        )
 
     def _on_status(self, message: Any) -> None:
         self._mirror.receive_tree_status(
@@ -125,6 +127,7 @@ class SurroundingsFeed:
             seconds_of(message.stamp),
             finished=message.finished,
             paused=message.paused,
+            structure=message.structure,
         )
 
     def _on_map(self, message: Any) -> None:

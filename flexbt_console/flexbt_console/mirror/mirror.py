@@ -173,10 +173,12 @@ class Mirror:
             self._tell(Change.EVENTS)
         return bool(new)
 
-    def receive_tree_structure(self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float) -> None:
+    def receive_tree_structure(
+        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1
+    ) -> None:
         """Take the nodes of a run of a tree."""
         with self._lock:
-            self._trees.receive_structure(run_id, tree, nodes, stamp)
+            self._trees.receive_structure(run_id, tree, nodes, stamp, structure)
         self._tell(Change.TREE)
 
     def receive_tree_status(
@@ -189,11 +191,12 @@ class Mirror:
         *,
         finished: bool,
         paused: bool,
+        structure: int = 1,
     ) -> None:
         """Take what has happened in a run of a tree since the message before."""
         with self._lock:
             is_newer = self._trees.receive_status(
-                run_id, sequence, statuses, changes, stamp, finished=finished, paused=paused
+                run_id, sequence, statuses, changes, stamp, finished=finished, paused=paused, structure=structure
             )
         if is_newer:
             self._tell(Change.TREE)

@@ -61,6 +61,8 @@ class TreeRun:
 
     ``since`` is in seconds on the clock of the node that runs the tree, ``stamp`` the latest time on it that is known.
     ``last`` is how each node ended before: a halted node is IDLE, and what it had come to says why.
+    ``structure`` is TreeStructure.number: a run may get other nodes, and has none while those are not known of which
+    its statuses tell.
     """
 
     run_id: str
@@ -73,6 +75,7 @@ class TreeRun:
     sequence: int = 0
     finished: bool = False
     paused: bool = False
+    structure: int = 0
 
     @property
     def is_running(self) -> bool:
@@ -110,9 +113,14 @@ class Trees:
     def __init__(self) -> None:
         self._runs: OrderedDict[str, TreeRun] = OrderedDict()
 
-    def receive_structure(self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float) -> None:
-        """Take the nodes of a run."""
+    def receive_structure(
+        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1
+    ) -> None:
+        """Take the nodes of a run, unless it has others by now."""
         known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
+        if structure < known.structure:
+            return
+        known = _of(known, structure, nodes)
         self._keep(_fitted(replace(known, tree=tree, nodes=tuple(nodes)), stamp))
 
     def receive_status(
@@ -125,12 +133,13 @@ class Trees:
         *,
         finished: bool,
         paused: bool,
+        structure: int = 1,
     ) -> bool:
         """Take what has happened since the message before; False for one that is not newer than what is known."""
         known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
-        if sequence <= known.sequence:
+        if sequence <= known.sequence or structure < known.structure:
             return False
-        known = _fitted(known, stamp, len(statuses))
+        known = _fitted(_of(known, structure, ()), stamp, len(statuses))
         since, last = list(known.since), list(known.last)
         for change in changes:
             if 0 < change.uid <= len(since):
@@ -163,6 +172,23 @@ class Trees:
         while len(self._runs) > REMEMBERED_TREES:
             ended = next((run_id for run_id, known in self._runs.items() if known.finished), next(iter(self._runs)))
             del self._runs[ended]
+
+
+def _of(run: TreeRun, structure: int, nodes: Sequence[TreeNode]) -> TreeRun:
+    """The run when its nodes are those of ``structure``: of others than before it keeps what is known of the nodes that
+    both have, which come first."""
+    if structure == run.structure:
+        return run
+    both = zip(run.nodes, nodes, strict=False)
+    same = next((at for at, (before, after) in enumerate(both) if before != after), min(len(run.nodes), len(nodes)))
+    return replace(
+        run,
+        structure=structure,
+        nodes=(),
+        statuses=run.statuses[:same],
+        last=run.last[:same],
+        since=run.since[:same],
+    )
 
 
 def _fitted(run: TreeRun, stamp: float, count: int = 0) -> TreeRun:

@@ -9,13 +9,14 @@
         file.write_text(tree_xml(found))
 
 ``model`` has what is planned with, ``search`` finds plans, ``policy`` and ``compaction`` make branches of them,
-``coverage`` tries these, ``tree_xml`` writes them.
+``coverage`` tries these, ``tree_xml`` writes them; ``measurement`` finds out where a robot begins.
 """
 
 from .btpg import read_scene
 from .compaction import Group, Rule, chosen, compact
 from .coverage import Coverage, Disturbance, explore
 from .goal import conditions, parse_goal
+from .measurement import Measurement
 from .mission import Mission, read_mission
 from .model import Action, Condition, Domain, PlanningError
 from .planner import Plan, plan
@@ -23,10 +24,11 @@ from .policy import Branch, Policy
 from .problem import Leaf, Problem
 from .reachability import Reachability
 from .search import Outcome, Progress, SearchResult, Step, search
-from .skill_problem import skill_problem
-from .tree_xml import FAILURE_ENTRY, tree_xml
+from .skill_problem import sensor_leaf, skill_problem
+from .tree_xml import COUNT_ENTRY, FAILURE_ENTRY, failed_action, tree_xml
 
 __all__ = [
+    'COUNT_ENTRY',
     'FAILURE_ENTRY',
     'Action',
     'Branch',
@@ -36,6 +38,7 @@ __all__ = [
     'Domain',
     'Group',
     'Leaf',
+    'Measurement',
     'Mission',
     'Outcome',
     'Plan',
@@ -51,11 +54,13 @@ __all__ = [
     'compact',
     'conditions',
     'explore',
+    'failed_action',
     'parse_goal',
     'plan',
     'read_mission',
     'read_scene',
     'search',
+    'sensor_leaf',
     'skill_problem',
     'tree_xml',
 ]

@@ -57,7 +57,7 @@ def skill_problem(
         raise PlanningError('no skill can be done with these objects; name objects of the types that the skills have')
     leaves = {action.name: _action_leaf(library.skills[action.skill], action) for action in actions}
     texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | grounded.goal
-    leaves |= {text: leaf for text in texts if (leaf := _condition_leaf(library, parse_literal(text))) is not None}
+    leaves |= {text: leaf for text in texts if (leaf := sensor_leaf(library, parse_literal(text))) is not None}
     return Problem(
         tuple(map(_action, actions)),
         grounded.start,
@@ -85,7 +85,9 @@ def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
     return Leaf(action.skill, action.arguments, attempts=attempts, deadline=skill.deadline)
 
 
-def _condition_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
+def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
+    """The leaf that tells whether a literal holds: that of the predicate's sensor, otherwise one that is called as the
+    predicate. None when the library has no such predicate."""
     predicate = library.predicates.get(literal.predicate)
     if predicate is None:
         return None

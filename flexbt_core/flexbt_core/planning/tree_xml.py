@@ -35,7 +35,10 @@ from .problem import Leaf, Problem
 FAILURE_ENTRY: Final = 'plan_failure'
 """The entry of the blackboard that says why a tree gave up."""
 
-_COUNT: Final = 'plan_actions'
+COUNT_ENTRY: Final = 'plan_actions'
+"""The entry that has the number of actions that were done."""
+
+_RESET: Final = f"{FAILURE_ENTRY} := ''"
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
 """Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
 _BUILTIN: Final = ('ScriptCondition', 'Script')
@@ -64,6 +67,12 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding='unicode') + '\n'
 
 
+def failed_action(problem: Problem, reason: str) -> str | None:
+    """The action because of which a tree gave up for this reason; None when it was none."""
+    names = (action.name for action in problem.actions)
+    return next((name for name in names if _failure(name, problem.leaf(name)) == reason), None)
+
+
 class _Writer:
     def __init__(self, problem: Problem, policy: Policy) -> None:
         self._problem = problem
@@ -74,12 +83,12 @@ class _Writer:
     def tree(self, name: str, members: Sequence[Rule | Group], most: int) -> ElementTree.Element:
         tree = ElementTree.Element('BehaviorTree', ID=name)
         top = _add(tree, 'Sequence')
-        _add(top, 'Script', code=f"{_COUNT} := 0; {FAILURE_ENTRY} := ''")
+        _add(top, 'Script', code=f'{COUNT_ENTRY} := 0; {_RESET}')
         ways = _add(top, 'Fallback')
         step = _add(_add(ways, 'KeepRunningUntilFailure'), 'ReactiveSequence', name='until the goal holds')
         self._goal(_add(step, 'Inverter'))
         allowed = _add(step, 'ReactiveFallback', name='actions are left')
-        _add(allowed, 'ScriptCondition', code=f'{_COUNT} < {most}')
+        _add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
         _give_up(allowed, f'the goal was not reached by {most} actions')
         branches = _add(step, 'ReactiveFallback', name='the cheapest way from here')
         for member in members:
@@ -119,8 +128,8 @@ class _Writer:
             sequence,
             'RetryUntilSuccessful',
             num_attempts=str(leaf.attempts),
-            _onSuccess=f"{_COUNT} := {_COUNT} + 1; {FAILURE_ENTRY} := ''",
-            _onFailure=f"{FAILURE_ENTRY} := '{_quoted(name)} failed {_times(leaf.attempts)}'",
+            _onSuccess=f'{COUNT_ENTRY} := {COUNT_ENTRY} + 1; {_RESET}',
+            _onFailure=f"{FAILURE_ENTRY} := '{_failure(name, leaf)}'",
         )
         if leaf.deadline is not None:
             retry = _add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
@@ -151,6 +160,10 @@ def _give_up(parent: ElementTree.Element, reason: str) -> None:
     """A last branch: it keeps the reason that an action has left."""
     code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? '{reason}' : {FAILURE_ENTRY}"
     _add(_add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
+
+
+def _failure(name: str, leaf: Leaf) -> str:
+    return f'{_quoted(name)} failed {_times(leaf.attempts)}'
 
 
 def _quoted(text: str) -> str:

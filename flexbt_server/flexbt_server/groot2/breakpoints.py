@@ -92,6 +92,13 @@ class Breakpoints:
         for settings in older.all():
             self._place(settings)
 
+    def take_over_from(self, older: Breakpoints) -> None:
+        """Takes the hooks of the same run from before it had other nodes: those of nodes that it has still."""
+        kept = [settings for settings in older.all() if self._nodes.get(settings.uid) is older._nodes[settings.uid]]
+        older.remove_all()
+        for settings in kept:
+            self._place(settings)
+
     def all(self) -> list[Settings]:
         """Copies of the settings of all hooks, those before ticks first, by uid."""
         with self._news:

@@ -113,10 +113,7 @@ class Groot2Server:
         """
         if self._only and tree.key.id != self._only:
             return None
-        if len(tree.nodes) > protocol.MAX_UID:
-            _logger.warning(
-                'tree [%s] has %d nodes: Groot2 can show %d', tree.key.id, len(tree.nodes), protocol.MAX_UID
-            )
+        if not self._fits(tree):
             return None
         watched = WatchedTree(tree, log, self._types, self._tell, on_held)
         with self._lock:
@@ -128,6 +125,28 @@ class Groot2Server:
                 self._shown = watched
             self._mute()
         return watched
+
+    def expanded(self, before: WatchedTree, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
+        """The nodes of a watched tree are others, between two ticks: clients see another tree. Gives what watches it
+        from now on; None when it is too large."""
+        before.end()
+        if not self._fits(before.tree):
+            self.remove(before)
+            return None
+        watched = WatchedTree(before.tree, before.log, self._types, self._tell, on_held)
+        with self._lock:
+            watched.breakpoints.take_over_from(before.breakpoints)
+            self._running[self._running.index(before)] = watched
+            if self._shown is before:
+                self._shown = watched
+            self._mute()
+        return watched
+
+    def _fits(self, tree: Tree) -> bool:
+        count = len(tree.nodes)
+        if count > protocol.MAX_UID:
+            _logger.warning('tree [%s] has %d nodes: Groot2 can show %d', tree.key.id, count, protocol.MAX_UID)
+        return count <= protocol.MAX_UID
 
     def remove(self, watched: WatchedTree) -> None:
         """The run of a tree is over."""
@@ -240,12 +259,22 @@ class Watch:
         self._watched = self._server.add(self._tree, log)
         if self._watched is not None:
             self._observers = self._tree.observers
-            self._tree.observe(*self._observers, StatusLog(log), after_round=self._watched.settle)
+            self._tree.observe(
+                *self._observers, StatusLog(log), after_round=self._settle, on_expanded=self._tell_of_expansion
+            )
         return self
+
+    def _settle(self) -> None:
+        if self._watched is not None:
+            self._watched.settle()
+
+    def _tell_of_expansion(self) -> None:
+        if self._watched is not None:
+            self._watched = self._server.expanded(self._watched)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._tree.observe(*self._observers)
         if self._watched is not None:
-            self._tree.observe(*self._observers)
             self._server.remove(self._watched)

@@ -7,11 +7,10 @@ has those that the tree uses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from xml.sax.saxutils import escape, quoteattr
 
-from flexbt_core.behavior_tree import NodeDefinition, NodeManifest, Port, Tree, TreeNode
-from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode
+from flexbt_core.behavior_tree import ExpandingAction, NodeDefinition, NodeManifest, Port, Tree, TreeNode
 from flexbt_core.behavior_tree.model import NO_DEFAULT
 
 
@@ -26,9 +25,10 @@ def _lines(tree: Tree) -> Iterator[str]:
     for node in tree.nodes:
         roots.setdefault(id(node.blackboard), node)
     definitions = dict(zip(tree.nodes, tree.definitions, strict=True))
+    tree_ids = {subtree.path: subtree.tree_id for subtree in tree.subtrees}
     for subtree in tree.subtrees:
         yield f'  <BehaviorTree{_attributes(ID=subtree.tree_id, _fullpath=subtree.path)}>'
-        yield from _nodes(roots[id(subtree.blackboard)], definitions)
+        yield from _nodes(roots[id(subtree.blackboard)], definitions, tree_ids)
         yield '  </BehaviorTree>'
     used = {definition.manifest.id: definition.manifest for definition in tree.definitions}
     yield '  <TreeNodesModel>'
@@ -38,8 +38,8 @@ def _lines(tree: Tree) -> Iterator[str]:
     yield '</root>'
 
 
-def _nodes(root: TreeNode, definitions: dict[TreeNode, NodeDefinition]) -> Iterator[str]:
-    """The nodes of one sub-tree."""
+def _nodes(root: TreeNode, definitions: dict[TreeNode, NodeDefinition], tree_ids: Mapping[str, str]) -> Iterator[str]:
+    """The nodes of one sub-tree. ``tree_ids`` has the trees of sub-trees by their paths."""
     pending: list[tuple[int, TreeNode | str]] = [(2, root)]
     while pending:
         level, node = pending.pop()
@@ -48,21 +48,22 @@ def _nodes(root: TreeNode, definitions: dict[TreeNode, NodeDefinition]) -> Itera
             yield f'{indent}</{node}>'
             continue
         definition = definitions[node]
-        tag = definition.manifest.id
-        children: tuple[TreeNode, ...] = ()
-        if definition.tree_id is None and isinstance(node, ControlNode | DecoratorNode):
-            children = node.attached
-        yield f'{indent}<{tag}{_node_attributes(node, definition)}{">" if children else "/>"}'
+        below = definition.tree_id
+        if isinstance(node, ExpandingAction) and node.attached:
+            below = tree_ids[node.path]
+        tag = definition.manifest.id if below is None else 'SubTree'
+        children = node.attached if below is None else ()
+        yield f'{indent}<{tag}{_node_attributes(node, definition, below)}{">" if children else "/>"}'
         if children:
             pending.append((level, tag))
             pending.extend((level + 1, child) for child in reversed(children))
 
 
-def _node_attributes(node: TreeNode, definition: NodeDefinition) -> str:
+def _node_attributes(node: TreeNode, definition: NodeDefinition, below: str | None) -> str:
     values = {name: value.text for name, value in definition.values.items()}
     scripts = {name: script.text for name, script in definition.conditions.items()}
-    if definition.tree_id is not None:
-        return _attributes(ID=definition.tree_id, _fullpath=node.path, _uid=str(node.uid), **values, **scripts)
+    if below is not None:
+        return _attributes(ID=below, _fullpath=node.path, _uid=str(node.uid), **values, **scripts)
     return _attributes(name=node.name, _uid=str(node.uid), **values, **scripts)
 
 

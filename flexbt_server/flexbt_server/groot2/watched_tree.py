@@ -65,7 +65,7 @@ class WatchedTree:
             for node in group:
                 self._statuses += protocol.status_bytes(node.uid, node.status)
                 self._places[node.uid] = len(self._statuses) - 1
-        self._log = log
+        self.log = log
         self._reader = log_reader(tree.nodes, self._change)
         self._reading = threading.Lock()
         self._recorded: deque[tuple[int, int, int]] = deque(maxlen=RECORDED)
@@ -82,15 +82,20 @@ class WatchedTree:
         ours, theirs = self.tree.definitions, other.tree.definitions
         return len(ours) == len(theirs) and all(one is two for one, two in zip(ours, theirs, strict=True))
 
+    def end(self) -> None:
+        """Nothing more is about these nodes: reads what was written, and ends a recording of theirs."""
+        self._read()
+        self.log.timed = False
+
     def settle(self) -> None:
         """A round of a tick is over. Reads what was written, if it is much."""
-        if len(self._log) > _MANY:
+        if len(self.log) > _MANY:
             self._read()
 
     def _read(self) -> None:
         with self._reading:
-            marks = self._log.take()
-            if self._log.timed:
+            marks = self.log.take()
+            if self.log.timed:
                 self._read_timed(marks)
                 return
             statuses = self._statuses
@@ -124,7 +129,7 @@ class WatchedTree:
             return None
         self._read()
         self._untimed.clear()
-        self._log.timed = command == b'start'
+        self.log.timed = command == b'start'
         if command == b'stop':
             return None
         self._recorded.clear()

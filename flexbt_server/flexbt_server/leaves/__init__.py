@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that reach ROS: bases for one's own, and the one that runs a behavior."""
+"""Leaves that reach ROS: bases for one's own, and those that run a behavior or reach a goal."""
 
 from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
@@ -7,6 +7,7 @@ from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_cod
 from .behavior_leaf import ExecuteBehavior
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
+from .reach_goal import ReachGoal
 from .robot_frames import RobotFrames
 from .service_leaf import SERVICE_PORTS, ServiceLeaf
 from .topic_cache import TopicCache, TopicCaches
@@ -26,6 +27,7 @@ __all__ = [
     'ExecuteBehavior',
     'LeafServices',
     'PoseLeaf',
+    'ReachGoal',
     'RobotFrames',
     'ServiceLeaf',
     'TopicCache',

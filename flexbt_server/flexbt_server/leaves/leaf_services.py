@@ -10,6 +10,7 @@ from typing import Final
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.liveness import STARTED
 from flexbt_common.runtime import NodeRuntime
+from flexbt_server.trees import TreeStore
 
 from .robot_frames import RobotFrames
 from .topic_cache import TopicCaches
@@ -25,9 +26,10 @@ class LeafServices:
 
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
     the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
-    ``frames`` knows where the robot is. ``server_timeout`` and ``cancel_timeout`` are the deadlines for acceptance and
-    for the confirmation of a cancel, in seconds of wall time; ``start_timeout`` is the age of this process up to which
-    a server is waited for in any case. ``goal_reached_tol`` is Nav2's parameter of this name, m.
+    ``frames`` knows where the robot is; ``trees`` has the node types, and reads files. ``server_timeout`` and
+    ``cancel_timeout`` are the deadlines for acceptance and for the confirmation of a cancel, in seconds of wall time;
+    ``start_timeout`` is the age of this process up to which a server is waited for in any case. ``goal_reached_tol`` is
+    Nav2's parameter of this name, m.
     """
 
     runtime: NodeRuntime
@@ -36,6 +38,7 @@ class LeafServices:
     topics: TopicCaches
     triggers: TriggerServices
     frames: RobotFrames
+    trees: TreeStore
     server_timeout: float
     cancel_timeout: float
     start_timeout: float = 0.0

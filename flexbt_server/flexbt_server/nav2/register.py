@@ -7,7 +7,7 @@ from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_dialects
-from flexbt_server.leaves import ExecuteBehavior
+from flexbt_server.leaves import ExecuteBehavior, ReachGoal
 
 from . import (
     costmap_services,
@@ -38,6 +38,6 @@ FAMILIES: Final = (
 
 def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
     """Makes them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
-    registry.register_classes([ExecuteBehavior])
+    registry.register_classes([ExecuteBehavior, ReachGoal])
     for family in FAMILIES:
         register_dialects(registry, family.NODES, dialect)

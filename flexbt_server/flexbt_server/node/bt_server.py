@@ -73,6 +73,7 @@ class BtServer:
                 parameters.navigators.global_frame,
                 parameters.robot_base_frame,
             ),
+            trees=store,
             server_timeout=parameters.server_timeout,
             cancel_timeout=parameters.cancel_timeout,
             start_timeout=parameters.start_timeout,

@@ -55,6 +55,10 @@ class _Groot2Run:
     def started(self, tree: Tree) -> None:
         self._watched = self._server.add(tree, self.log, self._shown.paused)
 
+    def expanded(self, tree: Tree) -> None:
+        if self._watched is not None:
+            self._watched = self._server.expanded(self._watched, self._shown.paused)
+
     def ticked(self) -> None:
         if self._watched is not None:
             self._watched.settle()

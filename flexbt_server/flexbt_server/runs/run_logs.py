@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A log file (``.btlog``) of each run, in a directory of which the newest files are kept."""
+"""A log file (``.btlog``) of each run, in a directory of which the newest files are kept.
+
+A file has the nodes with which it begins: a run that gets others goes on in another file.
+"""
 
 from __future__ import annotations
 
@@ -71,6 +74,10 @@ class _RunLog:
 
     def started(self, tree: Tree) -> None:
         self._writer = self._begin(tree, self._run_id, self.log)
+
+    def expanded(self, tree: Tree) -> None:
+        self.ticked()
+        self.started(tree)
 
     def ticked(self) -> None:
         if self._writer is not None:

@@ -23,6 +23,9 @@ class RunWatch(Protocol):
     def started(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
 
+    def expanded(self, tree: Tree) -> None:
+        """The nodes are others from the next mark on."""
+
     def ticked(self) -> None:
         """A round of a tick is over."""
 
@@ -55,6 +58,11 @@ class _Observers:
         self._stream.started(tree)
         for watch in self._watches:
             watch.started(tree)
+
+    def expanded(self, tree: Tree) -> None:
+        self._stream.expanded(tree)
+        for watch in self._watches:
+            watch.expanded(tree)
 
     def ticked(self) -> None:
         self._stream.ticked()

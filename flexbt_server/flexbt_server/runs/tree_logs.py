@@ -74,6 +74,10 @@ class _TreeLog:
         self._names = {node.uid: node.name for node in tree.nodes}
         self._reader = log_reader(tree.nodes, lambda uid, before, after: (uid, before, after))
 
+    def expanded(self, tree: Tree) -> None:
+        self.ticked()
+        self.started(tree)
+
     def ticked(self) -> None:
         marks = self.log.take()
         if marks:

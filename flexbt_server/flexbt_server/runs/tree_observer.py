@@ -15,6 +15,9 @@ class TreeObserver(Protocol):
     def started(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
 
+    def expanded(self, tree: Tree) -> None:
+        """Leaves have had trees made below them: the nodes are others, and so are uids, from the next mark on."""
+
     @property
     def log(self) -> Log | None:
         """Where the tree is to log changes of statuses, if anywhere."""

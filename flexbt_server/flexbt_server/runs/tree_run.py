@@ -237,6 +237,7 @@ class TreeRun(Generic[Client]):
             on_wake=self.wake,
             observers=() if log is None else [StatusLog(log)],
             after_round=self._tell_of_round,
+            on_expanded=self._tell_of_expansion,
         )
         self._observer.started(tree)
         due = -math.inf
@@ -269,6 +270,10 @@ class TreeRun(Generic[Client]):
     def _tell_of_round(self) -> None:
         if not self._ended:  # it may have been aborted during the tick
             self._observer.ticked()
+
+    def _tell_of_expansion(self) -> None:
+        if self.tree is not None and not self._ended:
+            self._observer.expanded(self.tree)
 
     def _adopt(self) -> None:
         with self._lock:

@@ -125,6 +125,8 @@ class Unwatched:
 
     def ticked(self) -> None: ...
 
+    def expanded(self, tree: Tree) -> None: ...
+
     def paused(self, is_paused: bool) -> None: ...
 
     def ended(self) -> None: ...
@@ -140,6 +142,7 @@ class RunStream:
         self._run_id = run_id
         self._blackboard = blackboard
         self._sequence = 0
+        self._number = 0
         self._next = 0
         self._latest = 0
         self._timer: Timer | None = None
@@ -148,16 +151,28 @@ class RunStream:
         self._lock = threading.Lock()
 
     def started(self, tree: Tree) -> None:
-        self._reader = RoundReader(tree.nodes)
-        self._statuses = bytearray(self._reader.statuses)
-        self._structure = _structure(tree, self._run_id, self._blackboard, self._stream.now())
+        if self._take_nodes(tree):
+            self._open = True
+            self._stream.begin(self)
+
+    def expanded(self, tree: Tree) -> None:
+        self._flush()  # what was logged is of the nodes before
+        if self._open and self._take_nodes(tree):
+            self._flush(always=True)
+
+    def _take_nodes(self, tree: Tree) -> bool:
+        """Has what follows be about the nodes that the tree has now, and sends them; False when they cannot be sent."""
         try:
+            with self._lock:
+                self._number += 1
+                self._reader = RoundReader(tree.nodes)
+                self._statuses = bytearray(self._reader.statuses)
+                self._structure = _structure(tree, self._run_id, self._number, self._blackboard, self._stream.now())
             self.show_structure()
         except Exception as error:
             self._stop(error)
-        else:
-            self._open = True
-            self._stream.begin(self)
+            return False
+        return True
 
     def ticked(self) -> None:
         log = self.log
@@ -245,6 +260,7 @@ class RunStream:
             stamp=self._stream.now().to_msg(),
             run_id=self._run_id,
             sequence=self._sequence,
+            structure=self._number,
             finished=finished,
             paused=self._paused and not finished,
             statuses=array('B', self._statuses),
@@ -265,11 +281,12 @@ def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
 _KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
 
 
-def _structure(tree: Tree, run_id: str, blackboard: str, now: Time) -> msg.TreeStructure:
+def _structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
         stamp=now.to_msg(),
         run_id=run_id,
+        number=number,
         behavior_tree=tree.key.id,
         blackboard=blackboard,
         nodes=[

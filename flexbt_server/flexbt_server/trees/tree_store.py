@@ -92,6 +92,20 @@ class TreeStore:
         """What is loaded now; it never changes, a load exchanges it."""
         return self._library
 
+    def read_text(self, name: str) -> str:
+        """The text of another file, from where those of trees may be, and as long as they may be.
+
+        Raises:
+            ResourceError: it cannot be read; says why.
+        """
+        try:
+            content, _ = self._files.read(name)
+            if len(content) > self._max_file_size:
+                raise ResourceError(name, f'longer than {self._max_file_size} bytes (parameter max_file_size)')
+            return content.decode('utf-8-sig')
+        except (OSError, UnicodeDecodeError) as error:
+            raise ResourceError(name, f'cannot be read: {error}') from error
+
     def load(
         self, files: Sequence[str], xml: str = '', progress: Callable[[str, int], bool] | None = None
     ) -> list[FileReport]:

@@ -18,7 +18,7 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
+from flexbt_core.behavior_tree import Blackboard, ExpandingAction, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
 from flexbt_server.groot2 import Groot2Server, MarkLog, WatchedTree
 from flexbt_server.groot2.protocol import RequestType, request_header
@@ -372,3 +372,53 @@ def test_requests_of_any_moment_lose_nothing(server: Groot2Server) -> None:
             start = cycle.index(seen[0])
             assert seen == [cycle[(start + step) % len(cycle)] for step in range(len(seen))], uid
     assert watched.breakpoints.all() == []
+
+
+class Twice(ExpandingAction):
+    """Has the tree Two made below it two times."""
+
+    def on_start(self) -> NodeStatus:
+        return self.expand(LIBRARY, 'Two', self.board())
+
+    def on_running(self) -> NodeStatus:
+        if self.tick_tree() is NodeStatus.RUNNING:
+            return NodeStatus.RUNNING
+        return NodeStatus.SUCCESS if self.blackboard.get_or('again', False) else self.begin_again()
+
+    def begin_again(self) -> NodeStatus:
+        self.blackboard.set('again', True)
+        return self.expand(LIBRARY, 'Two', self.board())
+
+    def board(self) -> Blackboard:
+        board = Blackboard(self.blackboard)
+        board.set('x', 5)
+        return board
+
+    def on_halted(self) -> None: ...
+
+
+def test_a_tree_that_gets_other_nodes_is_another_one_with_the_same_hooks(server: Groot2Server) -> None:
+    known = registry()
+    known.register('Twice', Twice)
+    body = '<BehaviorTree ID="Top"><Sequence><AlwaysSuccess/><Twice/></Sequence></BehaviorTree>'
+    document = load_xml(f'<root BTCPP_format="4">{body}</root>', 'top.xml', known)
+    shown = Tree(TreeLibrary([document]), 'Top', clock=ManualClock())
+    with server.watch(shown):
+        before = shown_tree(server)
+        hook = breakpoint(2, mode=1, desired_status='SUCCESS')
+        ask(server, RequestType.HOOK_INSERT, hook)
+        assert shown.tick_exactly_once() is NodeStatus.RUNNING
+        assert shown.tick_exactly_once() is NodeStatus.RUNNING
+        assert shown_tree(server) != before
+        (shown_as,) = ask(server, RequestType.FULL_TREE)[1:]
+        assert b'<SubTree ID="Two" _fullpath="Twice::3" _uid="3"/>' in shown_as
+        assert b'<BehaviorTree ID="Two" _fullpath="Twice::3">' in shown_as
+        inner = breakpoint(4, mode=1, desired_status='SUCCESS')
+        ask(server, RequestType.HOOK_INSERT, inner)
+        assert [one['uid'] for one in json.loads(ask(server, RequestType.HOOKS_DUMP)[1])] == [2, 4]
+        assert shown.tick_once() is NodeStatus.SUCCESS
+        # That of the node which is there no more has gone.
+        assert [one['uid'] for one in json.loads(ask(server, RequestType.HOOKS_DUMP)[1])] == [2]
+        assert len(ask(server, RequestType.STATUS)[1]) == 3 * len(shown.nodes)
+        boards = msgpack.unpackb(ask(server, RequestType.BLACKBOARD, b'Twice::3')[1])
+        assert boards['Twice::3']['y'] == 5

@@ -8,12 +8,12 @@ import math
 import sys
 from collections.abc import Sequence
 
-from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary, node_skills
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
 from flexbt_core.skills import SkillLibrary
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
-from flexbt_tools.skills import node_skills, read_skill_files
+from flexbt_tools.skills import read_skill_files
 from flexbt_tools.trees import PORTS, OpenRegistry, find_tree, is_main, read_models, roots
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.behavior_tree import NodeStatus, SyncAction, builtin_registry, node_skill
+from flexbt_core.behavior_tree import NodeStatus, SyncAction, builtin_registry, node_skill, node_skills
 from flexbt_core.skills import (
     OutcomeClass,
     Predicate,
@@ -21,7 +21,6 @@ from flexbt_core.skills import (
 )
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import tool
-from flexbt_tools.skills import node_skills
 
 
 def test_the_file_that_it_prints_is_one_of_manifests() -> None:

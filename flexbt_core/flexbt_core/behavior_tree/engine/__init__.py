@@ -6,9 +6,11 @@ from .context import Tick, TreeContext, UnfinishedWork
 from .control import Control, ControlNode
 from .coroutine import CoroutineAction
 from .decorator import Decorator, DecoratorNode
+from .expanding import ExpandingAction
 from .leaf import Condition, Halted, LeafNode, StatefulAction, SyncAction
 from .node import NodeConfig, StatusObserver, TreeNode, node_path
 from .node_skill import node_skill
+from .node_skills import node_skills
 from .registry import NodeRegistry
 from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
 from .threaded import ThreadedAction
@@ -26,6 +28,7 @@ __all__ = [
     'CoroutineAction',
     'Decorator',
     'DecoratorNode',
+    'ExpandingAction',
     'Halted',
     'LeafNode',
     'NodeConfig',
@@ -52,6 +55,7 @@ __all__ = [
     'halt_child',
     'node_path',
     'node_skill',
+    'node_skills',
     'simple_action',
     'simple_condition',
     'simple_decorator',

@@ -58,6 +58,7 @@ class TreeContext:
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
     ``log`` is for what is installed as acceleration. ``monitor`` checks the run, if anything does.
+    ``expansions`` has the trees that are to be made below nodes before the next round.
     """
 
     def __init__(self, clock: Clock, services: Any, scripts: Scripts) -> None:
@@ -74,6 +75,7 @@ class TreeContext:
         self.earliest = math.inf
         self.halt_errors: list[NodeExecutionError] = []
         self.rewrapped: list[object] = []
+        self.expansions: dict[Any, Any] = {}
         self.callbacks: CallbackWrapping | None = None
         self.monitor: LeafMonitor | None = None
         self.advancing = False

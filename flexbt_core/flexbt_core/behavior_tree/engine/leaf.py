@@ -6,7 +6,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import ClassVar
 
-from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeExecutionError,
+    NodeKind,
+    NodeStatus,
+)
 from flexbt_core.skills import Skill
 
 from .node import NodeConfig, TreeNode
@@ -158,6 +167,9 @@ class StatefulAction(LeafNode):
                 status = self.on_start()
             else:
                 status = self.on_running()
+        except NodeExecutionError:  # of a node below, see ExpandingAction
+            self.cancel_wake()
+            raise
         except BaseException as error:
             self.cancel_wake()
             raise self.fault(error) from error

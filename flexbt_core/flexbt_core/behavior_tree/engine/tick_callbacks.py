@@ -38,7 +38,7 @@ class TickCallbacks:
     tick.
     """
 
-    def __init__(self, context: TreeContext, nodes: Sequence[TreeNode]) -> None:
+    def __init__(self, context: TreeContext, nodes: Callable[[], Sequence[TreeNode]]) -> None:
         self._context = context
         self._nodes = nodes
         self._before: dict[TreeNode, PreTick] = {}
@@ -92,7 +92,7 @@ class TickCallbacks:
         used = bool(self._before or self._after)
         if used is not self.active:
             self._context.callbacks = self if used else None
-            self._context.rewrapped.extend(self._nodes)
+            self._context.rewrapped.extend(self._nodes())
 
     # -- while the tick functions are fetched -------------------------------------------------------------------------
 

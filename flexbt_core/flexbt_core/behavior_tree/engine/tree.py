@@ -31,11 +31,12 @@ from .call_stack import with_room
 from .context import Tick, TreeContext
 from .control import ControlNode
 from .decorator import DecoratorNode
+from .expanding import ExpandingAction
 from .leaf import LeafNode
 from .node import StatusObserver, TreeNode
 from .tick_callbacks import TickCallbacks
 from .ticking import tick_function
-from .tree_builder import Substitute, SubTreeInstance, instantiate
+from .tree_builder import Instance, Substitute, SubTreeInstance, instantiate
 
 _logger = logging.getLogger(__name__)
 
@@ -43,10 +44,10 @@ _logger = logging.getLogger(__name__)
 class Tree:
     """A tree that can be ticked. One thread at a time may tick or halt it; ``wake`` may be called from any.
 
-    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers`` and
-    ``after_round`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a leaf asks for a tick,
-    and when unfinished work ends. ``substitute(definition, path)`` may give another definition for a node, such as a
-    leaf that stands for it in a test.
+    ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers``,
+    ``after_round`` and ``on_expanded`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a
+    leaf asks for a tick, and when unfinished work ends. ``substitute(definition, path)`` may give another definition
+    for a node, such as a leaf that stands for it in a test.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class Tree:
         services: Any = None,
         observers: Sequence[StatusObserver] = (),
         after_round: Callable[[], None] | None = None,
+        on_expanded: Callable[[], None] | None = None,
         on_wake: Callable[[], None] | None = None,
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
@@ -76,20 +78,30 @@ class Tree:
             clock if clock is not None else SteadyClock(), services, library.documents[key.file].scripts
         )
         self.context.observers = tuple(observers)
-        instance = instantiate(library, key, self.blackboard, self.context, substitute)
-        self.nodes: tuple[TreeNode, ...] = instance.nodes
-        self.definitions: tuple[NodeDefinition, ...] = instance.definitions
-        self.subtrees: tuple[SubTreeInstance, ...] = instance.subtrees
-        acceleration().fit(self.nodes)
-        self.callbacks = TickCallbacks(self.context, self.nodes)
-        self.root = self.nodes[0]
-        self._depth = instance.depth
+        self._substitute = substitute
+        self._trunk = instantiate(library, key, self.blackboard, self.context, substitute)
+        self._expanded: dict[ExpandingAction, Instance] = {}
         self._after_round = after_round
-        self._entry = self._fetch_entry()
+        self._on_expanded = on_expanded
+        self.callbacks = TickCallbacks(self.context, lambda: self.nodes)
+        self._join()
         self._max_rounds = max_rounds
         self._failure: FailureTrace | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
+
+    def _join(self) -> None:
+        """Makes one of the tree itself and of those below leaves."""
+        parts = (self._trunk, *self._expanded.values())
+        self.nodes: tuple[TreeNode, ...] = tuple(node for part in parts for node in part.nodes)
+        self.definitions: tuple[NodeDefinition, ...] = tuple(one for part in parts for one in part.definitions)
+        self.subtrees: tuple[SubTreeInstance, ...] = tuple(subtree for part in parts for subtree in part.subtrees)
+        for uid, node in enumerate(self.nodes, 1):
+            node.uid = uid
+        self.root = self.nodes[0]
+        self._depth = sum(part.depth for part in parts)
+        acceleration().fit(self.nodes)
+        self._entry = self._fetch_entry()
 
     # -- ticking -----------------------------------------------------------------------------------------------------
 
@@ -136,6 +148,8 @@ class Tree:
                 self.context.earliest = min(deadlines.values(), default=math.inf)
         if self.context.advancing:
             self.context.advance_unfinished()
+        if self.context.expansions:
+            self._expand()
         if self.context.rewrapped:
             self._fetch_ticks()
         try:
@@ -149,13 +163,41 @@ class Tree:
             self._raise_halt_errors()
         return status
 
+    def _expand(self) -> None:
+        """Makes the trees that leaves have asked for."""
+        context = self.context
+        while context.expansions:
+            leaf, (library, key, blackboard) = context.expansions.popitem()
+            self._drop(leaf)
+            uid = len(self.nodes) + 1
+            try:
+                part = instantiate(library, key, blackboard, context, self._substitute, leaf.path, uid)
+            except Exception as error:
+                leaf.adopt(None, error)
+            else:
+                self._expanded[leaf] = part
+                leaf.adopt(part.nodes[0])
+        self._join()
+        if self._on_expanded is not None:
+            self._on_expanded()
+
+    def _drop(self, leaf: ExpandingAction) -> None:
+        """Forgets the tree below a leaf, and those below its leaves."""
+        part = self._expanded.pop(leaf, None)
+        for node in () if part is None else part.nodes:
+            self.context.deadlines.pop(node, None)
+            if isinstance(node, ExpandingAction):
+                self._drop(node)
+
     def _fetch_ticks(self) -> None:
         """Has the parents of nodes fetch the callables anew by which they tick them."""
         count = len(self.context.rewrapped)  # other threads add to them when they set callbacks
         rewrapped = set(self.context.rewrapped[:count])
         del self.context.rewrapped[:count]
         for node in self.nodes:
-            if isinstance(node, ControlNode | DecoratorNode) and not rewrapped.isdisjoint(node.attached):
+            if isinstance(node, ControlNode | DecoratorNode | ExpandingAction) and not rewrapped.isdisjoint(
+                node.attached
+            ):
                 node.fetch_ticks()
         if self.root in rewrapped:
             self._entry = self._fetch_entry()
@@ -309,22 +351,35 @@ class Tree:
 
     def active_nodes(self, *, leaves_only: bool = False) -> list[str]:
         """Paths of the nodes that are RUNNING, in the order of their uid."""
-        leaves = (NodeKind.ACTION, NodeKind.CONDITION)
-        return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or node.kind in leaves)]
+        return [node.path for node in self.nodes if node.status is RUNNING and (not leaves_only or _acts_itself(node))]
 
     @property
     def observers(self) -> tuple[StatusObserver, ...]:
         """Who hears of changes of statuses, see :meth:`observe`."""
         return self.context.observers
 
-    def observe(self, *observers: StatusObserver, after_round: Callable[[], None] | None = None) -> None:
+    def observe(
+        self,
+        *observers: StatusObserver,
+        after_round: Callable[[], None] | None = None,
+        on_expanded: Callable[[], None] | None = None,
+    ) -> None:
         """Tells every change of a status to these observers from now on, in order and at once, on the ticking thread,
         and to no others; none: to nobody.
 
-        ``after_round()`` is called after each round of a tick, on its thread, also when that raises. Not while another
-        thread ticks the tree.
+        ``after_round()`` is called after each round of a tick, on its thread, also when that raises. ``on_expanded()``
+        is called there between two rounds when leaves have had trees made below them (:class:`ExpandingAction`):
+        ``nodes``, ``definitions`` and ``subtrees`` are others then, those of the tree itself first, as they were; the
+        uids of the others are new, and mean them from the next change on. Not while another thread ticks the tree.
         """
         self.context.observers = observers
         self._after_round = after_round
+        self._on_expanded = on_expanded
         acceleration().fit(self.nodes)
         self.context.rewrapped += self.nodes
+
+
+def _acts_itself(node: TreeNode) -> bool:
+    """Whether it is a leaf that has not left the work to a tree below it."""
+    below = any(child.status is RUNNING for child in node.attached)
+    return node.kind in (NodeKind.ACTION, NodeKind.CONDITION) and not below

@@ -67,20 +67,26 @@ def instantiate(
     blackboard: Blackboard,
     context: TreeContext,
     substitute: Substitute | None = None,
+    path: str = '',
+    first_uid: int = 1,
 ) -> Instance:
-    """Makes the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node.
+    """Makes the tree ``key`` on ``blackboard``, of what ``substitute`` gives for each node. ``path`` is the prefix of
+    the paths of its nodes.
 
     Raises TreeLoadError, with all errors, when nodes use one blackboard entry with different types, or when a node does
     not find on the blackboard what it is made of, such as a script.
     """
-    return _Builder(library, context, substitute).build(key, blackboard)
+    return _Builder(library, context, substitute, first_uid).build(key, blackboard, path)
 
 
 class _Builder:
-    def __init__(self, library: TreeLibrary, context: TreeContext, substitute: Substitute | None) -> None:
+    def __init__(
+        self, library: TreeLibrary, context: TreeContext, substitute: Substitute | None, first_uid: int
+    ) -> None:
         self._library = library
         self._context = context
         self._substitute = substitute
+        self._first_uid = first_uid
         self._errors: list[LoadError] = []
         self._subtrees: dict[str, SubTreeInstance] = {}
         self._nodes: list[TreeNode] = []
@@ -89,10 +95,10 @@ class _Builder:
         # Nodes to be made: definition, scope, the list of siblings that it joins, depth.
         self._pending: list[tuple[NodeDefinition, _Scope, list[TreeNode], int]] = []
 
-    def build(self, key: TreeKey, blackboard: Blackboard) -> Instance:
+    def build(self, key: TreeKey, blackboard: Blackboard, path: str) -> Instance:
         main = self._library.definition(key)
-        self._subtrees[''] = SubTreeInstance('', key.id, blackboard)
-        self._pending.append((main.root, _Scope(main, key.file, '', blackboard), [], 1))
+        self._subtrees[path] = SubTreeInstance(path, key.id, blackboard)
+        self._pending.append((main.root, _Scope(main, key.file, path, blackboard), [], 1))
         depth = 0
         while self._pending:
             definition, scope, siblings, level = self._pending.pop()
@@ -106,7 +112,7 @@ class _Builder:
         return Instance(tuple(self._nodes), tuple(self._definitions), tuple(self._subtrees.values()), depth)
 
     def _make(self, definition: NodeDefinition, scope: _Scope, siblings: list[TreeNode], level: int) -> None:
-        uid = len(self._nodes) + 1
+        uid = self._first_uid + len(self._nodes)
         if self._substitute is not None:
             id = definition.tree_id or definition.manifest.id
             definition = self._substitute(definition, node_path(scope.path, id, definition.name, uid))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The skills of the node types that are installed."""
+"""The skills of all node types of a registry, as one library."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import inspect
 from collections.abc import Callable
 from dataclasses import replace
 
-from flexbt_core.behavior_tree import NodeManifest, NodeRegistry, node_skill
+from flexbt_core.behavior_tree.model import NodeManifest
 from flexbt_core.skills import Skill, SkillLibrary
+
+from .node_skill import node_skill
+from .registry import NodeRegistry
 
 
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Actions below which trees are made while they run: their nodes are nodes of the running tree."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Blackboard,
+    ExpandingAction,
+    NodeConfig,
+    NodeExecutionError,
+    NodeRegistry,
+    NodeStatus,
+    StatefulAction,
+    StatusLog,
+    Tree,
+    TreeLibrary,
+    TreeLoadError,
+    builtin_registry,
+    input_port,
+    load_xml,
+    log_reader,
+)
+from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.clock import ManualClock
+
+IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
+
+
+class Grow(ExpandingAction):
+    """Does the trees of the entry ``trees``, one after the other."""
+
+    ports = {'trees': input_port(STRING)}
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.left: list[str] = []
+
+    def on_start(self) -> NodeStatus:
+        self.left = str(self.get_input('trees')).split(';')
+        return self._next()
+
+    def _next(self) -> NodeStatus:
+        board = Blackboard(self.blackboard)
+        board.enable_autoremap()
+        return self.expand(self.services, self.left.pop(0), board)
+
+    def on_running(self) -> NodeStatus:
+        try:
+            status = self.tick_tree()
+        except TreeLoadError as error:
+            return self.fail(str(error))
+        return self._next() if status is SUCCESS and self.left else status
+
+    def on_halted(self) -> None:
+        self.left = []
+
+
+class Work(StatefulAction):
+    """RUNNING until the entry ``done`` is true."""
+
+    told: ClassVar[list[str]] = []
+
+    def on_start(self) -> NodeStatus:
+        self.told.append('start')
+        return RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return SUCCESS if self.blackboard.get_or('done', False) else RUNNING
+
+    def on_halted(self) -> None:
+        self.told.append('halt')
+
+    def on_pause(self) -> str:
+        self.told.append('pause')
+        return ''
+
+    def on_resume(self) -> None:
+        self.told.append('resume')
+
+
+class Break(StatefulAction):
+    def on_start(self) -> NodeStatus:
+        raise OSError('no arm')
+
+    def on_running(self) -> NodeStatus:
+        return SUCCESS
+
+    def on_halted(self) -> None: ...
+
+
+XML = """<root BTCPP_format="4">
+  <BehaviorTree ID="Long"><Sequence>
+    <Delay delay_msec="1000"><AlwaysSuccess/></Delay><Work name="work"/>
+  </Sequence></BehaviorTree>
+  <BehaviorTree ID="Short"><Inverter><AlwaysFailure/></Inverter></BehaviorTree>
+  <BehaviorTree ID="Nested"><Sequence>
+    <Grow name="inner" trees="Short;Short"/><Work name="last"/>
+  </Sequence></BehaviorTree>
+  <BehaviorTree ID="Broken"><Sequence><Break name="broken"/></Sequence></BehaviorTree>
+  <BehaviorTree ID="Misfit"><Sleep msec="{text}"/></BehaviorTree>
+  <BehaviorTree ID="Main"><Sequence>
+    <Grow name="grow" trees="{trees}"/><Script code="ended := true"/>
+  </Sequence></BehaviorTree>
+</root>"""
+
+
+@pytest.fixture
+def library() -> TreeLibrary:
+    registry: NodeRegistry = builtin_registry()
+    for node_class in (Grow, Work, Break):
+        registry.register(node_class.__name__, node_class)
+    Work.told = []
+    return TreeLibrary([load_xml(XML, 'trees.xml', registry)])
+
+
+class Watched:
+    """A tree, and what its log says of it: read whenever the nodes become others."""
+
+    def __init__(self, library: TreeLibrary, trees: str) -> None:
+        self.board = Blackboard()
+        self.board.set('trees', trees)
+        self.clock = ManualClock()
+        self.log: list[int] = []
+        self.changes: list[tuple[str, NodeStatus]] = []
+        self.expansions = 0
+        self.tree = Tree(
+            library,
+            'Main',
+            blackboard=self.board,
+            clock=self.clock,
+            services=library,
+            observers=[StatusLog(self.log)],
+            on_expanded=self._expanded,
+        )
+        self._read_by()
+
+    def _read_by(self) -> None:
+        paths = {node.uid: node.path for node in self.tree.nodes}
+        self.reader = log_reader(self.tree.nodes, lambda uid, before, after: (paths[uid], NodeStatus(after)))
+
+    def _expanded(self) -> None:
+        self.read()
+        self.expansions += 1
+        self._read_by()
+
+    def read(self) -> None:
+        self.changes += self.reader.read(self.log)
+        self.log.clear()
+
+    def check(self) -> None:
+        """The log says of each node what it is."""
+        self.read()
+        assert list(self.reader.statuses[1:]) == [node.status for node in self.tree.nodes]
+        assert [node.uid for node in self.tree.nodes] == list(range(1, len(self.tree.nodes) + 1))
+
+
+def test_its_nodes_are_nodes_of_the_running_tree(library: TreeLibrary) -> None:
+    watched = Watched(library, 'Short;Long')
+    tree = watched.tree
+    trunk = tree.nodes
+    assert tree.tick_once() is RUNNING
+    watched.check()
+    assert watched.expansions == 2  # the second took the place of the first
+    assert tree.nodes[: len(trunk)] == trunk and len(tree.definitions) == len(tree.nodes)
+    assert [node.path for node in tree.nodes[len(trunk) :]][-1] == 'grow/work'
+    assert [(subtree.path, subtree.tree_id) for subtree in tree.subtrees] == [('', 'Main'), ('grow', 'Long')]
+    assert tree.next_wake == watched.clock.now() + 1.0
+    watched.clock.advance(1.0)
+    assert tree.tick_once() is RUNNING
+    assert tree.active_nodes(leaves_only=True) == ['grow/work']
+    watched.check()
+    assert ('grow/work', RUNNING) in watched.changes
+    watched.board.set('done', True)
+    assert tree.tick_once() is SUCCESS
+    assert watched.board.get('ended') == 1
+    watched.check()
+
+
+def test_halt_pause_and_resume_reach_its_leaves(library: TreeLibrary) -> None:
+    watched = Watched(library, 'Nested')
+    assert watched.tree.tick_once() is RUNNING
+    assert watched.tree.pause() == ()
+    watched.tree.resume()
+    watched.tree.halt()
+    assert Work.told == ['start', 'pause', 'resume', 'halt']
+    watched.check()
+    assert {node.status for node in watched.tree.nodes} == {IDLE}
+    nodes = len(watched.tree.nodes)
+    for _ in range(3):  # what was there before is there no more
+        assert watched.tree.tick_once() is RUNNING
+        watched.check()
+        assert len(watched.tree.nodes) == nodes
+        watched.tree.halt()
+    # Halted before the tree is there, it is not made.
+    watched.tree.tick_exactly_once()
+    made = watched.expansions
+    watched.tree.halt()
+    watched.tree.tick_exactly_once()
+    assert watched.expansions == made
+
+
+def test_an_error_in_it_is_told_with_the_way_up(library: TreeLibrary) -> None:
+    watched = Watched(library, 'Broken')
+    with pytest.raises(NodeExecutionError, match='no arm') as raised:
+        watched.tree.tick_once()
+    assert raised.value.node_path == 'grow/broken'
+    assert raised.value.trace.path == 'grow/broken' and 'grow' in raised.value.trace.chain
+    watched.tree.halt()
+    watched.check()
+
+
+def test_one_that_cannot_be_made_is_a_failure_for_its_reason(library: TreeLibrary) -> None:
+    watched = Watched(library, 'Misfit')
+    watched.board.set('text', 1.5)
+    assert watched.tree.tick_once() is FAILURE
+    assert watched.tree.failure is not None and 'the type' in watched.tree.failure.reason
+    watched.check()
+
+
+def test_callbacks_reach_its_nodes_while_it_runs(library: TreeLibrary) -> None:
+    watched = Watched(library, 'Nested')
+    assert watched.tree.tick_once() is RUNNING
+    (work,) = (node for node in watched.tree.nodes if node.name == 'last')
+    watched.tree.callbacks.set_pre_tick(work, lambda node: SUCCESS)
+    watched.tree.wake()
+    assert watched.tree.tick_once() is SUCCESS
+    assert watched.board.get('ended') == 1
