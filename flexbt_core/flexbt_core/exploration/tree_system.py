@@ -83,7 +83,7 @@ TREE_LAYOUT: Final = Layout(
         UnfinishedWork: frozenset(('_context',)),
         Environment: frozenset(('values', 'choices', 'events', 'answers')),
         TreeMonitor: frozenset(
-            ('_found', '_tree', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
+            ('_found', '_tree', '_nodes', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
         ),
         Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event')),
         Tree: frozenset(

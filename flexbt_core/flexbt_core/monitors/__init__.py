@@ -9,7 +9,18 @@ own. Each remembers a few bits, and takes next to no time for an event. ::
 """
 
 from .machine_monitor import MachineMonitor, Resources, declared_resources
+from .monitoring import MOST_TOLD, Findings, Monitoring, told
 from .properties import Property, Violation, shared_actuators
+from .requirement_text import (
+    RequirementError,
+    Stated,
+    Vocabulary,
+    machine_vocabulary,
+    parse_requirement,
+    problems_with,
+    read_requirements,
+    tree_vocabulary,
+)
 from .requirements import (
     PROVED_ONLY,
     After,
@@ -28,24 +39,36 @@ from .requirements import (
 from .tree_monitor import TreeMonitor
 
 __all__ = [
+    'MOST_TOLD',
     'PROVED_ONLY',
     'After',
     'Apart',
     'AtMost',
     'Before',
+    'Findings',
     'MachineMonitor',
+    'Monitoring',
     'Never',
     'Possible',
     'Property',
     'Requirement',
+    'RequirementError',
     'Requirements',
     'Resources',
+    'Stated',
     'TreeMonitor',
     'Violation',
+    'Vocabulary',
     'While',
     'Within',
     'Written',
     'declared_resources',
+    'machine_vocabulary',
+    'parse_requirement',
+    'problems_with',
+    'read_requirements',
     'shared_actuators',
+    'told',
+    'tree_vocabulary',
     'violation_of',
 ]

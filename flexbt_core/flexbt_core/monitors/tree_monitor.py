@@ -11,7 +11,7 @@ import functools
 import types
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
     NodeDefinition,
@@ -26,9 +26,10 @@ from flexbt_core.behavior_tree.engine import ControlNode, LeafNode
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS
 
 from .properties import Property, Violation, shared_actuators
+from .requirement_text import Vocabulary, tree_vocabulary
 from .requirements import Requirement, Requirements
 
-_NOTHING: frozenset[str] = frozenset()
+_ABSENT: Final = object()
 
 
 class TreeMonitor:
@@ -54,13 +55,14 @@ class TreeMonitor:
         self._has_requirements = bool(self._requirements.requirements)
         self._named = self._requirements.names
         self._is_woken_only = is_woken_only
-        self._resources: dict[int, frozenset[str]] = {}
-        self._open: dict[int, LeafNode] = {}  # leaves that work, by uid
-        self._ticked: set[int] = set()
-        self._acting: set[int] = set()  # of those that have actuators, who has them
-        self._ending: dict[int, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
+        self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
+        self._resources: dict[TreeNode, frozenset[str]] = {}
+        self._open: dict[LeafNode, None] = {}  # leaves that work
+        self._ticked: set[LeafNode] = set()
+        self._acting: dict[LeafNode, None] = {}  # of those that have actuators, who has them
+        self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
         self._holding: set[str] = set()  # conditions that hold in this tick
-        self._starting = 0
+        self._starting: LeafNode | None = None
         self._is_taken = False  # an actuator, so that it may have two owners
         self._tree: Tree
 
@@ -83,16 +85,28 @@ class TreeMonitor:
         """The nodes exist; the first tick is next."""
         self._tree = tree
         tree.context.monitor = self
+        self._learn()
+
+    def _learn(self) -> None:
+        """Which nodes have which actuators; leaves may get trees of their own, which are nodes of the tree then."""
+        tree = self._tree
+        self._nodes = tree.nodes
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):
             skill = node_skill(definition.manifest) if isinstance(node, StatefulAction) else None
             if skill is not None and skill.resources:
-                self._resources[node.uid] = frozenset(skill.resources)
+                self._resources[node] = frozenset(skill.resources)
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """What requirements of this tree can be about."""
+        leaves = [node for node in self._tree.nodes if isinstance(node, LeafNode)]
+        return tree_vocabulary((leaf.path, isinstance(leaf, StatefulAction)) for leaf in leaves)
 
     def ticked(self, status: NodeStatus) -> None:
         """A tick is over, and this is what it gave."""
         opened = self._open
         if len(self._ticked) < len(opened):
-            for path in [leaf.path for uid, leaf in opened.items() if uid not in self._ticked]:
+            for path in [leaf.path for leaf in opened if leaf not in self._ticked]:
                 text = f'{path} goes on, but nothing ticks it any more: it was not halted'
                 self._found(Violation(Property.HALTED, path, text))
         self._ticked.clear()
@@ -101,7 +115,7 @@ class TreeMonitor:
         if self._has_requirements:
             self._check_requirements(status)
         if status is not RUNNING:
-            for leaf in opened.values():
+            for leaf in opened:
                 text = f'{leaf.path} still works although the tree has ended with {status.name}: it was not halted'
                 self._found(Violation(Property.HALTED, leaf.path, text))
         elif self._is_woken_only and not opened:
@@ -109,7 +123,7 @@ class TreeMonitor:
 
     def halted(self) -> None:
         """The tree was halted."""
-        for leaf in self._open.values():
+        for leaf in self._open:
             text = f'{leaf.path} still works after the tree was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
         for node in self._tree.nodes:
@@ -124,30 +138,29 @@ class TreeMonitor:
 
     def starts(self, leaf: LeafNode) -> None:
         """``on_start`` of a leaf is called next."""
-        self._starting = leaf.uid
+        self._starting = leaf
         if self._has_requirements:
             self._requirements.event(leaf.path)
 
     def began(self, leaf: LeafNode, status: NodeStatus) -> None:
         """``on_start`` of a leaf has given a status."""
-        self._starting = 0
+        self._starting = None
         if status is RUNNING:
-            self._open[leaf.uid] = leaf
-            self._ticked.add(leaf.uid)
+            self._open[leaf] = None
+            self._ticked.add(leaf)
             if not leaf.acts_later:
                 self._own(leaf)
         else:
-            self._acting.discard(leaf.uid)
+            self._acting.pop(leaf, None)
             self._tell_result(leaf, status)
 
     def went_on(self, leaf: LeafNode, status: NodeStatus) -> None:
         """``on_running`` of a leaf has given a status."""
-        uid = leaf.uid
-        self._ticked.add(uid)
+        self._ticked.add(leaf)
         if status is not SUCCESS and status is not FAILURE:
             return  # one that is SKIPPED stays as it was
-        self._acting.discard(uid)
-        if self._open.pop(uid, None) is None:
+        self._acting.pop(leaf, None)
+        if self._open.pop(leaf, _ABSENT) is _ABSENT:
             text = f'{leaf.path} gives {status.name}, and it has ended before, or was halted'
             self._found(Violation(Property.BALANCED, leaf.path, text))
         self._tell_result(leaf, status)
@@ -155,20 +168,20 @@ class TreeMonitor:
     def halts(self, leaf: LeafNode, halt: Callable[[], None]) -> None:
         """A leaf is halted by ``halt``."""
         context = self._tree.context
-        before = context.works if leaf.uid in self._acting else ()
-        self._open.pop(leaf.uid, None)
+        before = context.works if leaf in self._acting else ()
+        self._open.pop(leaf, None)
         if self._has_requirements:
             self._requirements.event(f'{leaf.path} > halted')
         try:
             halt()
         finally:
-            if leaf.uid in self._acting:
-                self._acting.discard(leaf.uid)
-                self._ending[leaf.uid] = tuple(work for work in context.works if work not in before)
+            if leaf in self._acting:
+                del self._acting[leaf]
+                self._ending[leaf] = tuple(work for work in context.works if work not in before)
 
     def acts(self, leaf: LeafNode) -> None:
         """What a leaf does elsewhere begins."""
-        if leaf.uid not in self._open and leaf.uid != self._starting:
+        if leaf not in self._open and leaf is not self._starting:
             text = f'{leaf.path} acts, and it has ended, or was halted'
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
         self._own(leaf)
@@ -183,8 +196,10 @@ class TreeMonitor:
     # -- what is looked at when a tick is over -----------------------------------------------------------------------
 
     def _own(self, leaf: LeafNode) -> None:
-        if leaf.uid in self._resources:
-            self._acting.add(leaf.uid)
+        if self._tree.nodes is not self._nodes:
+            self._learn()
+        if leaf in self._resources:
+            self._acting[leaf] = None
             self._is_taken = True
 
     def _tell_result(self, leaf: TreeNode, status: NodeStatus) -> None:
@@ -193,16 +208,15 @@ class TreeMonitor:
 
     def _check_owners(self) -> None:
         works = self._tree.context.works
-        self._ending = {uid: own for uid, own in self._ending.items() if any(work in works for work in own)}
-        nodes = self._tree.nodes
-        owners = [*self._acting, *(uid for uid in self._ending if uid not in self._acting)]
-        for wrong in shared_actuators((nodes[uid - 1].path, self._resources.get(uid, _NOTHING)) for uid in owners):
+        self._ending = {leaf: own for leaf, own in self._ending.items() if any(work in works for work in own)}
+        owners = sorted({*self._acting, *self._ending}, key=lambda leaf: leaf.uid)
+        for wrong in shared_actuators((leaf.path, self._resources[leaf]) for leaf in owners):
             self._found(wrong)
         self._is_taken = False  # until somebody else begins
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self._requirements
-        working = [leaf.path for leaf in self._open.values()]
+        working = [leaf.path for leaf in self._open]
         requirements.works(working)
         requirements.unguarded(working, self._holding)
         requirements.rests(False)

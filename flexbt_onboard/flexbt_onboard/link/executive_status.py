@@ -59,7 +59,8 @@ def status_of(
             status.message = 'the executive ended while this ran; resume it, or abort it'
             status.active_states = [ActiveState(path=path) for path in run.active]
         case RunSnapshot():
-            status.state, status.message = _STATE_OF_PHASE[run.phase], run.not_stopped
+            status.state = _STATE_OF_PHASE[run.phase]
+            status.message = '; '.join(filter(None, [run.not_stopped, run.wrong]))
             status.active_states = [_active_state(leaf) for leaf in run.active]
             decisions = [*(_decision(decision, gone) for decision in run.decisions), *input_requests]
             status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))

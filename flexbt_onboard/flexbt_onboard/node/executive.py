@@ -134,6 +134,7 @@ class Executive:
             StopWatch(runtime, motion_stop, parameters.stop_timeout),
             RunDisplay(self._publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
+            parameters.monitoring,
         )
         operator_names = OperatorNames(
             self._link.node_of, presence.has_gone, functools.partial(report.operators, is_warning=True)

@@ -14,7 +14,9 @@ from rclpy.validate_topic_name import validate_topic_name
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
+from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_core.monitors import Monitoring
 from flexbt_core.state_machine import STOP_TIMEOUT
 from flexbt_core.values import Place, load_places
 from flexbt_onboard.errors import OnboardError
@@ -41,6 +43,7 @@ class ExecutiveParameters:
     event_log_directory: str = ''
     event_log_size: int = EVENT_LOG_SIZE
     event_log_files: int = EVENT_LOG_FILES
+    monitoring: Monitoring = field(default_factory=Monitoring)
     machine_directory: str = ''
     capability_directories: tuple[str, ...] = ()
     synthesis_memory: int = 4_000_000_000
@@ -154,6 +157,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         event_log_files=declare.integer(
             'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
         ),
+        monitoring=declare_monitoring(declare),
         machine_directory=declare.text(
             'machine_directory',
             f'{event_log_directory}/machines' if event_log_directory else '',

@@ -17,6 +17,16 @@ from typing import Any, Final, Protocol
 
 from flexbt_core.clock import WakeEvent
 from flexbt_core.errors import FlexbtError
+from flexbt_core.monitors import (
+    Findings,
+    MachineMonitor,
+    Monitoring,
+    Property,
+    Violation,
+    declared_resources,
+    machine_vocabulary,
+    told,
+)
 from flexbt_core.skills import claims
 from flexbt_core.state_machine import (
     ERROR,
@@ -101,6 +111,7 @@ class BehaviorRun:
         services: StateServices,
         observer: RunObserver,
         stop_timeout: float = STOP_TIMEOUT,
+        monitoring: Monitoring | None = None,
     ) -> None:
         """``stop_timeout``: seconds of wall time after a stop in which everything has to be confirmed at rest."""
         self.run_id = run_id
@@ -108,6 +119,9 @@ class BehaviorRun:
         self._services = replace(services, changed=self._activity_changed, goals=RunGoals())
         self._observer = observer
         self._stop_timeout = stop_timeout
+        self._monitoring = monitoring or Monitoring()
+        self._monitor: MachineMonitor | None = None
+        self._findings = Findings(self._tell_finding)
         self._wake_event = WakeEvent()
         self._lock = threading.Lock()
         self._snapshot = RunSnapshot(run_id, request.entry.name, {ROOT_PATH: request.autonomy})
@@ -335,6 +349,9 @@ class BehaviorRun:
             self._observer.refused(message)
             return
         self._close(machine)
+        if self._monitor is not None and outcome != ERROR and self.has_goals:
+            text = f'the run has ended by {outcome!r}, and a goal of it goes on'
+            self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
         values = machine.userdata()
         outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
         self._observer.ended(RunEnd(outcome, message, outputs))
@@ -359,6 +376,12 @@ class BehaviorRun:
         at = self._request.at
         if at is not None and (reasons := reasons_against(definition, at)):
             raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
+        if self._monitoring.is_on:
+            name = self._request.entry.name
+            requirements = self._monitoring.requirements_of(name)
+            for problem in self._monitoring.problems_of(name, machine_vocabulary(definition)):
+                self._observer.log(ExecutiveLog.WARN, '', problem)
+            self._monitor = MachineMonitor(declared_resources(definition), self._findings.add, requirements)
         return MachineRun(
             definition,
             self._services.runtime.clock,
@@ -369,7 +392,17 @@ class BehaviorRun:
             steady=self._services.runtime.steady,
             stop_timeout=self._stop_timeout,
             on_wake=self._wake_event.set,
+            monitor=self._monitor,
         )
+
+    def _tell_finding(self, violation: Violation) -> None:
+        text = told(violation)
+        self._observer.log(ExecutiveLog.ERROR, violation.where if violation.where.startswith('/') else '', text)
+        self._observer.event('violation', {'property': violation.property.name, 'path': violation.where, 'text': text})
+        if violation is self._findings.first:
+            self._publish(wrong=text)
+        if self._monitoring.stops:
+            self.stop(text)
 
     def _await_nodes(self) -> None:
         """A node that is alive, and not ready yet, would let the first state that needs it fail."""
@@ -406,6 +439,8 @@ class BehaviorRun:
         def switched(reason: str | None) -> None:
             if reason is None:
                 self._request = request
+                if self._monitor is not None:
+                    self._monitor.resources = declared_resources(definition)
                 self._publish(**_when_gone(behavior))
                 self._observer.switched(request, structure)
                 self._tell_skills(definition)

@@ -86,6 +86,8 @@ class RunSnapshot:
     is_stopping: bool = False
     not_stopped: str = ''
     """While it is stopping: what has not stopped yet, and for how long."""
+    wrong: str = ''
+    """What the monitors have found first."""
     active: tuple[ActiveLeaf, ...] = ()
     decisions: tuple[RunDecision, ...] = ()
     locked: tuple[str, ...] = ()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from flexbt_common.calls import GoalAdmission
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.monitors import Monitoring
 from flexbt_core.state_machine import PREEMPTED, Answer
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import BehaviorStructure
@@ -75,6 +76,7 @@ class RunSupervisor:
         stops: StopWatch,
         display: RunDisplay,
         autonomy: int,
+        monitoring: Monitoring,
     ) -> None:
         self.run: BehaviorRun | None = None
         """The run that goes on."""
@@ -86,6 +88,7 @@ class RunSupervisor:
         self._operators = operators
         self._stops = stops
         self._display = display
+        self._monitoring = monitoring
         known = journal.next_autonomy
         self._last = LastRun(autonomy if known is None else known)
 
@@ -138,7 +141,9 @@ class RunSupervisor:
         owner = _Owner(self, self._runtime, self._display, answer, ended)
         recorder = RunRecorder(run_id, request.entry.name, answer, self._journal, self._report, owner)
         self._stops.begins()
-        owner.run = self.run = BehaviorRun(request, run_id, self._services, recorder, self._stops.timeout)
+        owner.run = self.run = BehaviorRun(
+            request, run_id, self._services, recorder, self._stops.timeout, self._monitoring
+        )
         self.run.start()
         self._display.changed()
         return self.run

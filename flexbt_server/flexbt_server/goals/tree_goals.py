@@ -17,6 +17,7 @@ from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import Hang, NodeRuntime
 from flexbt_core.behavior_tree import TickCommand
 from flexbt_core.errors import FlexbtError
+from flexbt_core.monitors import Monitoring
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.leaves import LeafServices
@@ -67,6 +68,9 @@ class RunParameters(Protocol):
 
     @property
     def publish_statuses(self) -> bool: ...
+
+    @property
+    def monitoring(self) -> Monitoring: ...
 
 
 class TreeGoals:
@@ -280,6 +284,8 @@ class TreeGoals:
             ),
             on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
             on_overrun=self._runtime.node.get_logger().warning,
+            monitoring=self._parameters.monitoring,
+            on_violation=self._runtime.node.get_logger().error,
         )
         running = goal.running = RunningTree(run_id, found.key, name, board, run, goal)
         run.hold(self._reason_to_hold(goal))

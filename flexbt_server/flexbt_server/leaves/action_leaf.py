@@ -146,6 +146,7 @@ class ActionLeaf(StatefulAction):
     default_server: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = ACTION_PORTS
     goes_on = ''
+    acts_later = True
     cancels_on_pause: ClassVar[bool] = True
     """Whether the goal is canceled while the tree is paused. If not, ``goes_on`` says why it goes on; '' when it moves
     nothing."""
@@ -299,6 +300,7 @@ class ActionLeaf(StatefulAction):
         milliseconds = self.get_input_or('server_timeout', None)
         timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
         link = host.actions.link(self.action_type, self.action_name)
+        self.acts()
         self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout), timeout)
 
     def _cancel_all(self) -> None:

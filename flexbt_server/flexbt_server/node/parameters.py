@@ -12,9 +12,11 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.cli import home_path
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
+from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
+from flexbt_core.monitors import Monitoring
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.navigators import NavigatorParameters, declare_navigator_parameters
 
@@ -63,6 +65,7 @@ class ServerParameters:
     btlog_directory: Path | None
     btlog_keep: int
     publish_statuses: bool
+    monitoring: Monitoring
     navigators: NavigatorParameters
 
 
@@ -137,5 +140,6 @@ def declare_parameters(node: Node) -> ServerParameters:
         publish_statuses=declare.flag(
             'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
         ),
+        monitoring=declare_monitoring(declare),
         navigators=declare_navigator_parameters(declare),
     )

@@ -27,6 +27,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.observers import StatusLog
 from flexbt_core.clock import Clock, WakeEvent
+from flexbt_core.monitors import Findings, Monitoring, TreeMonitor, Violation, told
 from flexbt_msgs.action import BtExecute
 from flexbt_server.trees import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
 
@@ -64,7 +65,8 @@ class TreeRun(Generic[Client]):
     Its thread is part of the ``health`` of the process, as long as the run is, and unless a callback of the tree holds
     it up (a breakpoint).
 
-    ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``.
+    ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``,
+    ``on_violation(message)`` of what the monitors find that ``monitoring`` asks for, which the outcome has, too.
     """
 
     def __init__(
@@ -87,6 +89,8 @@ class TreeRun(Generic[Client]):
         on_refused: Callable[[Client, str], None],
         on_end: Callable[[RunOutcome], None],
         on_overrun: Callable[[str], None],
+        monitoring: Monitoring,
+        on_violation: Callable[[str], None],
     ) -> None:
         self.key = key
         self.tree: Tree | None = None
@@ -105,6 +109,10 @@ class TreeRun(Generic[Client]):
         self._on_refused = on_refused
         self._on_end = on_end
         self._overruns = Overruns(key, self._tick_period, on_overrun)
+        self._monitoring = monitoring
+        self._on_violation = on_violation
+        self._findings = Findings(self._tell_finding)
+        self._monitor: TreeMonitor | None = None
         self._wake_event = WakeEvent()
         self._control = TickControl(self._wake_event.set, observer.paused)
         self._loop = health.loop(f'the thread of tree {key.id!r}', self._where, self._has_callbacks)
@@ -211,6 +219,9 @@ class TreeRun(Generic[Client]):
         try:
             self._observer.ended()
         finally:
+            wrong = self._findings.first
+            if wrong is not None and told(wrong) not in outcome.message:
+                outcome = replace(outcome, message='; '.join(filter(None, [outcome.message, told(wrong)])))
             self._on_end(replace(outcome, error_code=self._error_code()))
 
     def _error_code(self) -> int:
@@ -227,6 +238,7 @@ class TreeRun(Generic[Client]):
     def _execute(self) -> RunOutcome:
         write_all(self.board, [*self._values, NO_RECOVERIES])
         log = self._observer.log
+        monitor = self._monitor = self._new_monitor()
         tree = self.tree = Tree(
             self._library,
             self.key.id,
@@ -238,7 +250,12 @@ class TreeRun(Generic[Client]):
             observers=() if log is None else [StatusLog(log)],
             after_round=self._tell_of_round,
             on_expanded=self._tell_of_expansion,
+            substitute=None if monitor is None else monitor.watched,
         )
+        if monitor is not None:
+            monitor.begins(tree)
+            for problem in self._monitoring.problems_of(self.key.id, monitor.vocabulary):
+                self._on_violation(problem)
         self._observer.started(tree)
         due = -math.inf
         while True:
@@ -254,12 +271,24 @@ class TreeRun(Generic[Client]):
                 if not tree.callbacks.released:
                     raise
                 continue
+            if monitor is not None and status is not None:
+                monitor.ticked(status)
             if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
                 self._overruns.note(began, self._steady.now())
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
             if not self._control.pending:
                 self._wait(tree, due)
+
+    def _new_monitor(self) -> TreeMonitor | None:
+        if not self._monitoring.is_on:
+            return None
+        return TreeMonitor(self._findings.add, self._monitoring.requirements_of(self.key.id), is_woken_only=True)
+
+    def _tell_finding(self, violation: Violation) -> None:
+        self._on_violation(f'tree [{self.key.id}]: {told(violation)}')
+        if self._monitoring.stops:
+            self.stop(self._client, told(violation))
 
     def _next_due(self, due: float) -> float:
         """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""
@@ -305,6 +334,8 @@ class TreeRun(Generic[Client]):
         if tree is None:
             return outcome
         outcome = outcome_after(tree.halt, outcome)
+        if self._monitor is not None:
+            self._monitor.halted()
         deadline = self._steady.now() + self._cancel_timeout
         while tree.unfinished and self._steady.now() < min(deadline, self._rest_by):
             with self._loop.resting():

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters by which the monitors of a node are switched on."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_common.cli import home_path
+from flexbt_common.errors import UnfitParameterError
+from flexbt_common.runtime import ParameterDeclarer
+from flexbt_core.errors import FlexbtError
+from flexbt_core.monitors import Monitoring, Stated, read_requirements
+
+_MOST_BYTES: Final = 1_000_000
+
+
+def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
+    """Declare ``monitors``, ``monitor_action`` and ``requirements``.
+
+    Raises:
+        UnfitParameterError: a value cannot work, or the file is wrong; names parameter and value.
+    """
+    is_on = declare.flag(
+        'monitors', False, 'whether each run is watched for what must never happen, such as two owners of an actuator'
+    )
+    about = 'what is done when a monitor finds something wrong: warn, or stop the run as well'
+    action = declare.text('monitor_action', 'warn', about)
+    if action not in ('warn', 'stop'):
+        raise UnfitParameterError('monitor_action', f'{action!r} is neither warn nor stop; {about}')
+    about = 'YAML file of what is required of behaviors and trees beside that, see "behavior_tool prove"'
+    written = declare.text('requirements', '', about)
+    return Monitoring(is_on, action == 'stop', _requirements(written) if written and is_on else {})
+
+
+def _requirements(written: str) -> dict[str, tuple[Stated, ...]]:
+    try:
+        with home_path(written).open('rb') as content:
+            data = content.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise UnfitParameterError('requirements', f'{written}: longer than {_MOST_BYTES} bytes')
+        return read_requirements(data.decode('utf-8-sig'), written)
+    except UnfitParameterError:
+        raise
+    except (OSError, UnicodeDecodeError, FlexbtError) as error:
+        raise UnfitParameterError('requirements', str(error)) from None

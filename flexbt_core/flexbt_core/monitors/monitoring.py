@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a robot does about what its monitors find: tell it, once, and stop what runs, if it is asked to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from .properties import Property, Violation
+from .requirement_text import Stated, Vocabulary, problems_with
+from .requirements import PROVED_ONLY, Requirement
+
+MOST_TOLD: Final = 20
+"""Violations of one run that are told; what goes wrong over and over fills no log."""
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """What the runs of a process are watched for: ``requirements`` by the name of a behavior, or the ID of a tree.
+
+    ``stops``: a run in which something is wrong is stopped.
+    """
+
+    is_on: bool = False
+    stops: bool = False
+    requirements: Mapping[str, tuple[Stated, ...]] = field(default_factory=dict)
+
+    def requirements_of(self, name: str) -> tuple[Requirement, ...]:
+        """Those that can be watched in a run."""
+        stated = (one.requirement for one in self.requirements.get(name, ()))
+        return tuple(one for one in stated if not isinstance(one, PROVED_ONLY))
+
+    def problems_of(self, name: str, known: Vocabulary) -> list[str]:
+        """What is required of that is not there, which nothing can watch."""
+        return problems_with(self.requirements.get(name, ()), known, name)
+
+
+class Findings:
+    """What the monitors of one run have found; ``tell`` gets each of them once, and no more than :data:`MOST_TOLD`."""
+
+    def __init__(self, tell: Callable[[Violation], None]) -> None:
+        self.first: Violation | None = None
+        self._tell = tell
+        self._told: set[Violation] = set()
+
+    def add(self, violation: Violation) -> None:
+        """A monitor has found this."""
+        if violation in self._told or len(self._told) >= MOST_TOLD:
+            return
+        self._told.add(violation)
+        self.first = self.first or violation
+        self._tell(violation)
+
+
+def told(violation: Violation) -> str:
+    """A violation for operators."""
+    rule = '' if violation.property is Property.REQUIREMENT else f' (it should be: {violation.property.value})'
+    return f'monitor: {violation.text}{rule}'

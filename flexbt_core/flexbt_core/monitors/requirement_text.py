@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Requirements as a mission engineer writes them, one in a line; and files of them.
+
+===========================================  =========================================================================
+Text                                         What is required
+===========================================  =========================================================================
+``never EVENT``                              it does not happen
+``EVENT at most 3 times``                    so often, and not more
+``EVENT only after EVENT``                   the second was before the first, at some time
+``EVENT only after EVENT, each time anew``   also since the last time
+``after EVENT comes /Path or =outcome``      one of these follows at once (of a machine)
+``after EVENT, EVENT within 10 s``           it follows in time (ms, s, min)
+``after EVENT, EVENT before the end``        it follows, unless the run is stopped
+``A never while B``                          these states, or leaves, do not work at the same time
+``A works only while C holds``               a condition is asked, and holds, as long as a leaf works (of a tree)
+``EVENT only with KEY and KEY written``      userdata was written, and is no default (of a machine; proved only)
+``EVENT is always still possible``           there is always a way to it (proved only)
+===========================================  =========================================================================
+
+Events are those of :mod:`flexbt_core.monitors.requirements`. A file has them by the name of a behavior, or the ID of a
+tree::
+
+    Inspect Site:
+      - /Drive only after /Plan > done, each time anew
+      - after /Alarm > raised, /Retreat within 5 s
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
+from typing import Final, NamedTuple
+
+from flexbt_core.behavior_tree.model import FAILURE, SUCCESS
+from flexbt_core.errors import FlexbtError
+from flexbt_core.state_machine import MachineDefinition, StateDefinition
+from flexbt_core.values import YamlParts, hint, line_of
+
+from .requirements import (
+    After,
+    Apart,
+    AtMost,
+    Before,
+    Never,
+    Possible,
+    Requirement,
+    While,
+    Within,
+    Written,
+)
+
+LONGEST: Final = 500
+"""Characters of a requirement."""
+
+_SECONDS: Final = {'ms': 0.001, 's': 1.0, 'min': 60.0}
+_NUMBER: Final = r'(\d{1,9}(?:\.\d{1,9})?)'
+_FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
+    (r'never (.+)', Never),
+    (r'(.+) at most (\d{1,9}) times?', lambda event, times: AtMost(event, int(times))),
+    (r'(.+) only with (.+) written', lambda event, keys: Written(event, tuple(_parts(keys, 'and')))),
+    (r'(.+) only after (.+), each time anew', lambda event, needs: Before(event, needs, True)),
+    (r'(.+) only after (.+)', Before),
+    (r'after (.+), (.+) before the end', Within),
+    (
+        rf'after (.+), (.+) within {_NUMBER} (ms|s|min)',
+        lambda event, then, number, unit: Within(event, then, float(number) * _SECONDS[unit]),
+    ),
+    (r'after (.+) comes (.+)', lambda event, allowed: After(event, tuple(_parts(allowed, 'or')))),
+    (r'(.+) works only while (.+) holds', While),
+    (r'(.+) never while (.+)', Apart),
+    (r'(.+) is always still possible', Possible),
+)
+_EXAMPLES: Final = (
+    '"never A", "A at most 3 times", "A only after B", "A only after B, each time anew", "after A comes B or C", '
+    '"after A, B within 5 s", "after A, B before the end", "A never while B", "A works only while C holds", '
+    '"A only with KEY written", "A is always still possible"'
+)
+
+
+class RequirementError(FlexbtError):
+    """Requirements that cannot be read, or are about what is not there; ``problems`` tell each, with its place."""
+
+    def __init__(self, problems: Iterable[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__('\n'.join(self.problems))
+
+
+class Stated(NamedTuple):
+    """A requirement, and where it stands: a file with its line, or the option of a command."""
+
+    requirement: Requirement
+    place: str
+
+
+def parse_requirement(text: str, place: str) -> Stated:
+    """Read one requirement. Raises RequirementError."""
+    told = ' '.join(text.split())
+    if len(told) > LONGEST:
+        raise RequirementError([f'{place}: a requirement has at most {LONGEST} characters, not {len(told)}'])
+    for form, make in _FORMS:
+        match = re.fullmatch(form, told)
+        if match is not None:
+            made = make(*map(_event, match.groups()))
+            problem = _unfit(made)
+            if problem:
+                raise RequirementError([f'{place}: "{told}": {problem}'])
+            return Stated(made, place)
+    raise RequirementError([f'{place}: "{told}" is no requirement; write one of {_EXAMPLES}'])
+
+
+def read_requirements(text: str, source: str) -> dict[str, tuple[Stated, ...]]:
+    """Read a file of them, by the names of behaviors and the IDs of trees. Raises RequirementError with all wrong."""
+    parts = YamlParts(source)
+    found: dict[str, tuple[Stated, ...]] = {}
+    for name, node in parts.mapping(parts.root(text), 'the file').items():
+        stated = []
+        for one in parts.sequence(node, f"what is required of '{name:.80}'"):
+            line = parts.name(one, 'a requirement')
+            try:
+                stated.append(parse_requirement(line, f'{source}:{line_of(one)}'))
+            except RequirementError as error:
+                parts.problems += error.problems if line else ()
+        found[name] = tuple(stated)
+    if parts.problems:
+        raise RequirementError(parts.problems)
+    return found
+
+
+def _parts(text: str, word: str) -> list[str]:
+    return [_event(part) for part in text.split(f' {word} ')]
+
+
+def _event(text: str) -> str:
+    left, arrow, outcome = text.strip().partition('>')
+    return f'{left.strip()} > {outcome.strip()}' if arrow else left.strip()
+
+
+def _unfit(made: Requirement) -> str:
+    if isinstance(made, AtMost) and made.times < 1:
+        return 'a number of times is 1 at least; write "never" for none'
+    if isinstance(made, Within) and made.seconds is not None and not 0.0 < made.seconds < math.inf:
+        return 'a time is above 0'
+    return ''
+
+
+# -- what there is to speak of ---------------------------------------------------------------------------------------
+
+
+class Vocabulary(NamedTuple):
+    """What requirements of a machine or tree can be about: ``events`` by their names, ``working`` what works for a
+    time, ``conditions`` of a tree, and ``keys`` of the userdata of a machine."""
+
+    events: Collection[str]
+    working: Collection[str]
+    conditions: Collection[str]
+    keys: Collection[str]
+    is_tree: bool
+
+
+def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
+    """That of a machine."""
+    nodes = [node for node in machine.nodes() if node is not machine]
+    ends = [f'={outcome}' for outcome in machine.outcomes]
+    left = [f'{node.path} > {outcome}' for node in nodes for outcome in node.outcomes]
+    states = [node.path for node in nodes if not isinstance(node, MachineDefinition)]
+    keys = {*machine.input_keys, *machine.defaults}
+    keys.update(key for node in machine.children.values() for key in _keys_of(node))
+    return Vocabulary([*(node.path for node in nodes), *left, *ends], states, (), keys, False)
+
+
+def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
+    owner = node if isinstance(node, MachineDefinition) else node.state
+    return (node.remap.get(key, key) for key in (*owner.input_keys, *owner.output_keys))
+
+
+def tree_vocabulary(leaves: Iterable[tuple[str, bool]]) -> Vocabulary:
+    """That of a tree, of the paths of its leaves, and whether each takes time."""
+    found = list(leaves)
+    names = [name for name, _ in found]
+    working = [name for name, takes_time in found if takes_time]
+    results = [f'{name} > {status.name}' for name in names for status in (SUCCESS, FAILURE)]
+    ends = [f'={status.name}' for status in (SUCCESS, FAILURE)]
+    return Vocabulary(
+        [*names, *results, *(f'{name} > halted' for name in working), *ends],
+        working,
+        [name for name, takes_time in found if not takes_time],
+        (),
+        True,
+    )
+
+
+def problems_with(stated: Iterable[Stated], known: Vocabulary, what: str) -> list[str]:
+    """Where requirements are about what ``what`` does not have, each with its place."""
+    return [f'{one.place}: "{one.requirement}": {text}' for one in stated for text in _unknown(one, known, what)]
+
+
+def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
+    one = stated.requirement
+    only = 'a tree' if isinstance(one, While) else 'a machine' if isinstance(one, After | Written) else ''
+    if only and only != ('a tree' if known.is_tree else 'a machine'):
+        yield f'this can be required of {only} only'
+        return
+    if isinstance(one, Apart | While):
+        names = [one.one, one.other] if isinstance(one, Apart) else [one.works]
+        for name in names:
+            if name not in known.working:
+                kind = 'leaf that takes time' if known.is_tree else 'state'
+                yield f"{what} has no {kind} '{name}'{hint(name, known.working)}"
+        if isinstance(one, While) and one.condition not in known.conditions:
+            yield f"{what} has no condition '{one.condition}'{hint(one.condition, known.conditions)}"
+        return
+    events = [one.event]
+    if isinstance(one, Before):
+        events.append(one.needs)
+    elif isinstance(one, Within):
+        events.append(one.then)
+    elif isinstance(one, After):
+        events += one.allowed
+    elif isinstance(one, Written):
+        for key in one.keys:
+            if key not in known.keys:
+                yield f"the userdata of {what} has no key '{key}'{hint(key, known.keys)}"
+    for event in events:
+        if event not in known.events:
+            yield f"{what} has no event '{event}'{hint(event, known.events)}"
+    if isinstance(one, After) and ' > ' not in one.event:
+        yield f"'{one.event}' is no state left by an outcome: write '{one.event} > OUTCOME'"

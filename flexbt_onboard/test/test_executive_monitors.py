@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the monitors of the executive find reaches the operator, once, and ends the run where that is wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from flexbt_common.errors import UnfitParameterError
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.monitors import Monitoring, read_requirements
+from flexbt_core.skills import Skill
+from flexbt_core.state_machine import ConcurrencyContainer, EventState, OperatableStateMachine
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
+from flexbt_onboard.node import ExecutiveParameters, declare_parameters
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
+
+
+class Drives(EventState):
+    skill = Skill.of(resources=['base'])
+
+    def __init__(self) -> None:
+        super().__init__(['done'], desired_rate=None)
+
+
+def both_drive() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        both = ConcurrencyContainer(['done'], conditions=[('done', [('One', 'done'), ('Other', 'done')])])
+        with both:
+            for label in ('One', 'Other'):
+                OperatableStateMachine.add(label, Drives(), {'done': 'done'})
+        OperatableStateMachine.add('Both', both, {'done': 'done'})
+    return machine
+
+
+def opened(stops: bool, requirements: str = 'Test: []') -> ExecutiveBench:
+    monitoring = Monitoring(True, stops, read_requirements(requirements, 'site.yaml'))
+    return ExecutiveBench(behavior_of(both_drive), parameters=ExecutiveParameters(peers=(), monitoring=monitoring))
+
+
+def told(bench: ExecutiveBench, words: str) -> list[ExecutiveLog]:
+    return [line for line in bench.logs if words in line.text]
+
+
+def test_what_a_monitor_finds_is_told_once_and_shown() -> None:
+    bench = opened(stops=False, requirements='Test:\n  - never /Both/Other\n  - never /Bath\n')
+    try:
+        bench.start()
+        bench.wait_for(lambda status: 'required is: never /Both/Other' in status.message, 'the first finding')
+        wait_until(lambda: len(told(bench, 'monitor:')) == 2, 'both findings')
+        (owners,) = told(bench, 'base has two owners at once: /Both/One and /Both/Other')
+        (never,) = told(bench, '/Both/Other happens; required is: never /Both/Other')
+        assert owners.severity == never.severity == ExecutiveLog.ERROR and never.path == '/Both/Other'
+        (wrong,) = told(bench, 'site.yaml:3: "never /Bath": Test has no event \'/Bath\'')
+        assert wrong.severity == ExecutiveLog.WARN
+        bench.applied(ExecutiveCommand.FORCE, path='/Both/One', outcome='done')
+        assert bench.status.state == ExecutiveStatus.RUNNING and len(told(bench, 'monitor:')) == 2
+    finally:
+        bench.close()
+
+
+def test_a_run_is_stopped_by_what_a_monitor_finds_if_that_is_wanted() -> None:
+    bench = opened(stops=True)
+    try:
+        bench.start()
+        bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE and status.outcome, 'the end')
+        assert bench.status.outcome == 'preempted' and 'base has two owners' in bench.status.message
+    finally:
+        bench.close()
+
+
+@pytest.mark.parametrize(
+    ('value', 'why'),
+    [
+        ({'monitor_action': 'explode'}, "'explode' is neither warn nor stop"),
+        ({'requirements': '/no/such/file.yaml'}, 'No such file'),
+        ({'requirements': 'WRONG'}, 'wrong.yaml:2: "walk" is no requirement'),
+    ],
+)
+def test_parameters_that_cannot_work_are_refused(value: dict[str, str], why: str, tmp_path: Path) -> None:
+    wrong = tmp_path / 'wrong.yaml'
+    wrong.write_text('Test:\n  - walk\n')
+    parameters = {key: str(wrong) if text == 'WRONG' else text for key, text in value.items()}
+    with (
+        NodeRuntime.open('onboard_executive', parameters={'monitors': True, **parameters}) as runtime,
+        pytest.raises(UnfitParameterError, match=why),
+    ):
+        declare_parameters(runtime.node)
