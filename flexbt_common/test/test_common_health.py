@@ -6,8 +6,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from flexbt_common.runtime import Health
-from flexbt_common.runtime.health import LATE_SECONDS, PERIOD
+from flexbt_common.runtime import Hang, Health
+from flexbt_common.runtime.health import LATE_SECONDS, OUT_OF_REACH_SECONDS, PERIOD
 from flexbt_core.clock import ManualClock
 
 
@@ -34,3 +34,41 @@ def test_an_answer_that_comes_while_lateness_is_told_is_told_after_it() -> None:
         assert clock.now() < LATE_SECONDS + 3 * PERIOD
     answering[0].join(60.0)
     assert [bool(problem) for problem in told] == [True, False]
+
+
+class StoppedClock(ManualClock):
+    """Its time may go on while nothing is called, as when the process is stopped."""
+
+    stopped = 0.0
+
+    def now(self) -> float:
+        return super().now() + self.stopped
+
+
+def test_a_stop_of_the_whole_process_is_told_before_a_thread_goes_on_and_once() -> None:
+    """What is done first otherwise, a goal that a tree sends, is done for somebody who has given it up."""
+    clock = StoppedClock()
+    health = Health(clock)
+    told: list[Hang] = []
+    health.on_hang(told.append)
+    health.on_beat(lambda: None)
+    with health.loop('the tree') as loop:
+        with loop.resting():
+            clock.stopped = OUT_OF_REACH_SECONDS
+        assert [hang.was_out_of_reach for hang in told] == [True]
+        assert told[0].seconds >= OUT_OF_REACH_SECONDS
+        with loop.resting():
+            clock.advance(OUT_OF_REACH_SECONDS)
+    assert len(told) == 1
+
+
+def test_a_clock_that_hangs_is_no_stop_of_the_process() -> None:
+    clock = StoppedClock()
+    health = Health(clock)
+    told: list[Hang] = []
+    health.on_hang(told.append)
+    health.on_beat(lambda: None)
+    for _ in range(10):
+        clock.stopped += OUT_OF_REACH_SECONDS / 2.0
+        health.look()
+    assert not told

@@ -6,7 +6,8 @@ What a process has to keep answering is registered: its executor, the thread of 
 others that the process is alive does so on beats, and so nobody does while any one of those threads hangs, or the
 clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive.
 
-A hang is told once, with the stack of the thread that does not answer, and so is its end.
+A hang is told once, with the stack of the thread that does not answer, and so is its end. That nothing of the process
+ran for a while is told before a thread goes on that has looked (:meth:`Health.look`).
 """
 
 from __future__ import annotations
@@ -133,6 +134,7 @@ class Loop:
         finally:
             with self._lock:
                 self._is_resting = False
+            self._health.look()
 
     def _ping(self, answer: Callable[[], None]) -> None:
         with self._lock:
@@ -145,7 +147,7 @@ class Loop:
 class Health:
     """What has to answer, and who is told. Everything from any thread.
 
-    Those who are told must not block: they are called on the clock's thread, or on that of an answer.
+    Those who are told must not block: they are called on the clock's thread, that of an answer, or one that looks.
     """
 
     def __init__(self, steady: Clock) -> None:
@@ -159,6 +161,7 @@ class Health:
         self._on_late: list[Callable[[str], object]] = []
         self._on_hang: list[Callable[[Hang], object]] = []
         self._asked_at: float | None = None
+        self._looked_at = 0.0
         self._is_late = False
         self._failure = ''
 
@@ -227,6 +230,20 @@ class Health:
         """Why the process cannot do its work; '' while it can."""
         return self._failure
 
+    def look(self) -> None:
+        """Something goes on after a wait: tell first, on this thread, of a pause of :data:`OUT_OF_REACH_SECONDS` in
+        which nothing of the process ran.
+        """
+        now = self._steady.now()
+        with self._lock:
+            if self._asked_at is None:
+                return
+            pause, self._looked_at = now - max(self._asked_at, self._looked_at), now
+            if pause < OUT_OF_REACH_SECONDS:
+                return
+            self._asked_at = now
+        self._tell_pause(pause)
+
     def _ask(self) -> None:
         now = self._steady.now()
         with self._lock:
@@ -240,14 +257,17 @@ class Health:
                 watched.asked_at = now
             self._missing.update(asked)
         if pause > HANG_SECONDS:
-            name = 'the whole process (it was stopped, or its computer is busy)'
-            self._tell(Hang(name, pause, is_over=True, was_out_of_reach=pause >= OUT_OF_REACH_SECONDS))
+            self._tell_pause(pause)
         elif missing:
             self._tell_missing(missing, now)
         for watched in asked:
             watched.ping(partial(self._answered, watched))
         if not missing and not asked:
             self._beat()
+
+    def _tell_pause(self, seconds: float) -> None:
+        name = 'the whole process (it was stopped, or its computer is busy)'
+        self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=seconds >= OUT_OF_REACH_SECONDS))
 
     def _tell_missing(self, missing: list[Watched], now: float) -> None:
         longest = missing[0].hang(now)

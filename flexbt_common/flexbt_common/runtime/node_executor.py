@@ -66,27 +66,34 @@ def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
     return (type(event), event) in _MISFITS
 
 
-def node_executor(node: Node, on_fault: Callable[[Exception], None]) -> NodeExecutor | StockNodeExecutor:
+def node_executor(
+    node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
+) -> NodeExecutor | StockNodeExecutor:
     """The best executor that this version of rclpy allows.
 
-    ``on_fault(error)`` is told what a callback lets escape; the others are called all the same.
+    ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
+    when the wait is over, before any callback.
     """
     usable = rclpy_private.is_usable(rclpy_private.EXECUTOR)
-    return (NodeExecutor if usable else StockNodeExecutor)(node, on_fault)
+    return (NodeExecutor if usable else StockNodeExecutor)(node, on_fault, on_turn)
 
 
 class StockNodeExecutor(SingleThreadedExecutor):
     """Runs the callbacks of one node by rclpy's own loop, on the thread that calls :meth:`turn`."""
 
-    def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
+    def __init__(
+        self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
+    ) -> None:
         super().__init__(context=node.context)
         self._on_fault = on_fault
+        self._on_turn = on_turn
         self.simulated_time = SimulatedTime(on_fault)
         self.heard = HeardTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
+        self._on_turn()
         self.heard.look()
         try:
             self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
@@ -101,11 +108,14 @@ class StockNodeExecutor(SingleThreadedExecutor):
 class NodeExecutor(OpenExecutor):
     """Runs the callbacks of one node, on the thread that calls :meth:`turn`."""
 
-    def __init__(self, node: Node, on_fault: Callable[[Exception], None]) -> None:
+    def __init__(
+        self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
+    ) -> None:
         super().__init__(context=node.context)
         self.simulated_time = SimulatedTime(on_fault)
         self._node = node
         self._on_fault = on_fault
+        self._on_turn = on_turn
         self._entities: _Entities | None = None
         self._is_changed = True
         self._soon: deque[Task] = deque()
@@ -169,6 +179,7 @@ class NodeExecutor(OpenExecutor):
         except InvalidHandle:  # another thread is destroying an entity
             self._is_changed = True
             return
+        self._on_turn()
         self.heard.look()
         self.simulated_time.hear()  # first, so that no message is from the future
         for take, entity in ready:
@@ -183,6 +194,7 @@ class NodeExecutor(OpenExecutor):
 
     def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
+        self._on_turn()
         self.heard.look()
         try:
             self.spin_once(timeout)

@@ -109,19 +109,16 @@ class TreeGoals:
         return self._pose.latest
 
     def _after_hang(self, hang: Hang) -> None:
-        """Called on any thread."""
+        """Called on any thread. The process was stopped: what was said to it meanwhile comes before its trees go on."""
         if hang.was_out_of_reach:
+            self._returned = f'{hang}: what was said meanwhile comes first'
+            self._hold_all()
             self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
 
     def _come_back(self, told: str, seconds: float) -> None:
-        """The process was stopped: what was said to it meanwhile comes before its trees go on. After ``peer_timeout``
-        others have taken it for gone, and given up what it was to do.
-        """
+        """After ``peer_timeout`` others have taken the process for gone, and given up what it was to do."""
         if seconds >= self._parameters.peer_timeout:
             self._stop_goals(f'{told}: who waited for the tree has given it up')
-            return
-        self._returned = f'{told}: what was said meanwhile comes first'
-        self._hold_all()
         steady = self._runtime.steady
         steady.call_at(steady.now() + RETURN_SECONDS, lambda: self._runtime.post(self._go_on))
 
