@@ -3,9 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import json
 import random
+import threading
+from collections.abc import Iterator
 
+import pytest
+
+from flexbt_console.errors import ExitCode
 from flexbt_console.mirror import (
     ActiveState,
     Decision,
@@ -18,7 +25,8 @@ from flexbt_console.mirror import (
     StandstillWatch,
     Urgency,
 )
-from flexbt_core.clock import ManualClock
+from flexbt_console.ui.line import robots
+from flexbt_core.clock import ManualClock, SteadyClock
 
 ASKED = Decision('d', DecisionKind.TRANSITION, '/Drive', 'done', ('done',), 2, since=100.0)
 RUNS = Snapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r', stamp=130.0, robot_pose=Pose(0.0, 0.0))
@@ -92,3 +100,35 @@ def test_a_paused_robot_may_move_only_by_what_says_that_it_goes_on() -> None:
     for active, expected in ((held, True), (goes_on, False)):
         moves = [at(0.2 * second, state=ExecutiveState.PAUSED, active_states=active) for second in range(10)]
         assert watch(moves)[-1] is expected
+
+
+def test_a_robot_that_was_found_is_listed_when_it_is_heard(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = SteadyClock()
+    fleet, late = Fleet(), Mirror(clock)
+    fleet.add('/early', Mirror(clock))
+    fleet.mirror('/early').receive_snapshot(RUNS)
+    fleet.add('/late', late)
+    monkeypatch.setattr(robots, 'QUIET_SECONDS', 0.0)
+    monkeypatch.setattr(robots, 'HEAR_SECONDS', 60.0)
+    with heard_later(late):
+        assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    told = capsys.readouterr().out.splitlines()
+    assert len(told) == 2 and all('RUNNING' in line for line in told)
+
+    fleet.add('/never', Mirror(clock))
+    monkeypatch.setattr(robots, 'HEAR_SECONDS', 0.0)
+    robots.list_robots(fleet, clock, 60.0, as_json=True)
+    (silent,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
+    assert silent['urgency'] == 'silent'
+    clock.close()
+
+
+@contextlib.contextmanager
+def heard_later(mirror: Mirror) -> Iterator[None]:
+    """Its first status comes from another thread, some time after now."""
+    timer = threading.Timer(0.3, mirror.receive_snapshot, [RUNS])
+    timer.start()
+    yield
+    timer.join()

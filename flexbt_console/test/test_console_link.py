@@ -39,9 +39,18 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         tracked = link.settled(command.id, DEADLINE)
         assert tracked is not None and tracked.state is CommandState.APPLIED
         assert (len(fleet['first'].received), len(fleet['second'].received)) == (0, 1)
-        assert robots.link('/first').live_view(DEADLINE).running is False
+        assert robots.robot('/first')[1].live_view(DEADLINE).running is False
         robots.select('/first')
         assert not runtime.node.get_subscriptions_info_by_topic('/second/tree_status')
+        robots.robot('/first')[0].receive_plan(((0.0, 0.0), (1.0, 0.0)))
+        robots.open('/first')
+        robots.close('/first')  # one that has it open is left
+        assert robots.robot('/first')[0].view().surroundings.plan
+        robots.select('/second')
+        assert not robots.robot('/first')[0].view().surroundings.plan  # it may have become another one
+    with NodeRuntime.open('console') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann', only=['/second', '/nobody'])
+        assert (robots.own, robots.fleet.names) == ('/second', ('/nobody', '/second'))
     with NodeRuntime.open('console') as runtime:
         robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
         wait_until(lambda: {'/first', '/second'} <= set(robots.fleet.names), 'both robots')

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
+from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.mirror import CommandKind, ExecutiveState, NodeStatus, StatusChange
 
@@ -280,6 +280,19 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
         browser.until_live()
         browser.press('p')
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
+
+
+def test_a_page_that_names_no_robot_goes_to_the_first_that_is_found(browser: Browser) -> None:
+    robots = WebRobots({})
+    with served(robots) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_text('link', 'NO EXECUTIVE')
+        robots.come('/first', WebRobot().station())
+        browser.until_live()
+        assert browser.run('return new URL(location).searchParams.get("robot")') == '/first'
+        robots.come('/second', WebRobot().station())
+        browser.until(lambda: browser.run('return document.querySelectorAll("[data-robot]").length') == 2)
+        assert browser.run('return document.getElementById("robot").value') == '/first'
 
 
 def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> None:

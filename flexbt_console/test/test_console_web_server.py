@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 import pytest
-from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSMsgType, WSServerHandshakeError
-from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, served
+from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
+from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose
@@ -66,10 +66,10 @@ class Page:
 
 
 @contextlib.asynccontextmanager
-async def page(port: int, hello: object = None, **options: Any) -> AsyncIterator[Page]:
+async def page(port: int, hello: object = None, robot: str = '', **options: Any) -> AsyncIterator[Page]:
     async with (
         ClientSession() as session,
-        session.ws_connect(f'http://127.0.0.1:{port}/link', max_msg_size=0, **options) as socket,
+        session.ws_connect(f'http://127.0.0.1:{port}/link?robot={robot}', max_msg_size=0, **options) as socket,
     ):
         await socket.send_json({'hello': hello})
         yield Page(socket)
@@ -362,8 +362,6 @@ def test_there_are_so_many_pages_and_no_more() -> None:
                 await one.until(lambda one=one: 'link' in one.parts)  # type: ignore[misc]
             async with page(port) as refused:
                 assert await refused.closed() == 1013
-            async with ClientSession() as session, session.get(f'http://127.0.0.1:{port}/link?robot=nobody') as answer:
-                assert answer.status == 404
             assert 'applied' in await opened[0].ask(do='pause', decision=None)
 
     with served({'robot': WebRobot().station()}) as port:
@@ -429,9 +427,40 @@ def test_a_page_shows_the_robot_that_it_names_and_a_line_of_each() -> None:
             assert 'THE ROBOT MOVES' in opened.parts['robots'][0]['text']
             assert 'applied' in await opened.ask(do='pause', decision=None)
 
-    with served({'one': one.station(), 'two': two.station(), 'pushed': pushed.station()}) as port:
+    robots = WebRobots({'one': one.station(), 'two': two.station(), 'pushed': pushed.station()})
+    with served(robots) as port:
         asyncio.run(run(port))
     assert (one.kinds, two.sent) == ([CommandKind.PAUSE], [])
+
+
+def test_a_robot_that_comes_later_has_its_line_its_place_on_the_map_and_its_page() -> None:
+    first, second, elsewhere = WebRobot(), WebRobot(), WebRobot()
+    second.show(robot_pose=Pose(1.0, 0.5, 0.25))
+    elsewhere.mirror.receive_map(GridMap(2, 2, 0.05, 0.0, 0.0, bytes(4)))
+    robots = WebRobots({'/first': first.station()})
+
+    async def run(port: int) -> None:
+        async with page(port, robot='second') as early:
+            assert await early.closed() == WSCloseCode.TRY_AGAIN_LATER
+        async with page(port) as opened:
+            await opened.until(lambda: 'others' in opened.parts)
+            assert (opened.parts['others'], robots.opened) == ([], ['/first'])
+            robots.come('/second', second.station())
+            robots.come('/elsewhere', elsewhere.station())
+            await opened.until(lambda: len(opened.parts['robots']) == 3 and opened.parts['others'])
+            (other,) = opened.parts['others']  # the map of the third is another one
+            assert (other['name'], other['x'], other['live']) == ('/second', 1.0, True)
+            async with page(port, robot='second') as late:
+                await late.until(lambda: late.parts.get('pose', {}).get('x') == 1.0)
+                assert robots.opened == ['/first', '/second']
+                assert 'applied' in await late.ask(do='pause', decision=None)
+            second.clock.advance(60.0)
+            second.mirror.sender_gone()  # nobody knows where it is now
+            await opened.until(lambda: opened.parts['others'] == [])
+
+    with served(robots) as port:
+        asyncio.run(run(port))
+    assert (robots.opened, first.sent, second.kinds) == ([], [], [CommandKind.PAUSE])
 
 
 @pytest.mark.parametrize(('width', 'height'), [(3001, 1999), (1, 2_000_000), (10, 10)])

@@ -22,6 +22,7 @@ from flexbt_console.mirror import (
     Decision,
     DecisionKind,
     ExecutiveState,
+    Fleet,
     GridMap,
     LogLine,
     Mirror,
@@ -38,7 +39,7 @@ from flexbt_console.mirror import (
     TreeNode,
     UserdataScope,
 )
-from flexbt_console.ui.web import Access, Station, WebServer
+from flexbt_console.ui.web import Access, Link, Station, WebServer
 from flexbt_console.ui.web.run import serving
 from flexbt_core.clock import ManualClock
 
@@ -149,14 +150,50 @@ class WebRobot(NobodyAsked):
         return Station(self.mirror, self, CommandBuilder('ann'), 5.0, obstacles)
 
 
+class WebRobots:
+    """Robots by their names, as the page finds them; ``opened`` are those of which somebody sees what is around."""
+
+    def __init__(self, stations: Mapping[str, Station]) -> None:
+        self.fleet = Fleet()
+        self.own = next(iter(stations), '/')
+        self.opened: list[str] = []
+        self.stations: dict[str, Station] = {}
+        for name, station in stations.items():
+            self.come(name, station)
+
+    def come(self, name: str, station: Station) -> None:
+        """It is found."""
+        self.stations[name] = station
+        self.fleet.add(name, station.mirror)
+
+    def robot(self, name: str) -> tuple[Mirror, Link]:
+        """See :class:`flexbt_console.ui.web.Robots`."""
+        station = self.stations.get(name)
+        return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())
+
+    def open(self, name: str) -> None:
+        """See :class:`flexbt_console.ui.web.Robots`."""
+        self.opened.append(name)
+
+    def close(self, name: str) -> None:
+        """See :class:`flexbt_console.ui.web.Robots`."""
+        self.opened.remove(name)
+
+    def station(self, mirror: Mirror, link: Link) -> Station:
+        """What the page of one needs."""
+        known = (one for one in self.stations.values() if one.mirror is mirror)
+        return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0))
+
+
 @contextlib.contextmanager
-def served(stations: Mapping[str, Station], access: Access | None = None, port: int = 0) -> Iterator[int]:
+def served(stations: Mapping[str, Station] | WebRobots, access: Access | None = None, port: int = 0) -> Iterator[int]:
     """The server of these robots on a thread of its own, for the time of the context; gives its port."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
 
-    serves = serving(WebServer(stations, access or Access()).application(), '127.0.0.1', port)
+    robots = stations if isinstance(stations, WebRobots) else WebRobots(stations)
+    serves = serving(WebServer(robots, robots.station, access or Access()).application(), '127.0.0.1', port)
     used = asyncio.run_coroutine_threadsafe(serves.__aenter__(), loop).result(60.0)
     try:
         yield used

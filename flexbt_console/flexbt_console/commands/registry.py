@@ -321,7 +321,7 @@ _SCAN_PERIOD = Option(
     read=seconds,
 )
 _SLOW_LINK = Option('--slow-link', 'show no scan: it and the transforms are most of what comes over the link')
-_ROBOT = Option('--robot', 'namespace of a robot (default: that of the console alone)', 'NAME', repeated=True)
+_ROBOT = Option('--robot', 'namespace of a robot (default: every robot that is found)', 'NAME', repeated=True)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -667,8 +667,8 @@ COMMANDS: Final = (
         Mode.WEB,
         options=(_ROBOT, _PORT, _ADDRESS, _SCAN_PERIOD, _SLOW_LINK),
         details=(
-            'It prints the address of the page, and serves it until it is interrupted. With several robots the page '
-            'has a line for each, those that wait first, and ?robot=NAME opens one of them.',
+            'It prints the address of the page, and serves it until it is interrupted. The page has a line for each '
+            'robot that is found, those that wait first, and ?robot=NAME opens one of them.',
             'At an address beyond this '
             'computer the page needs the token that is part of the printed address; FLEXBT_WEB_TOKEN sets it, and '
             'then it is needed on this computer, too. Nothing is encrypted: for an open network, use a tunnel '

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import threading
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from rclpy.clock import Clock, ClockType
@@ -22,12 +24,13 @@ _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
 
 
 class FleetLink:
-    """Joins every robot whose executive is there; ``fleet`` has their mirrors, made by ``make_mirror``.
+    """Joins robots by their namespaces, each with a link of its own; ``fleet`` has their mirrors, made by
+    ``make_mirror``.
 
-    ``operator`` is as for :class:`OperatorLink`: who sits here is present at all of them; ``scan_period`` as for
-    :class:`SurroundingsLink`. Map and trees come from the
-    robot that was selected last, at first the one in the node's own namespace. That is in the fleet when its executive
-    is there, or when the node has a namespace: who gives none need not have a robot there.
+    With ``only`` they are these; else every robot whose executive is there, and that in the node's own namespace
+    (``own``) if it has one: who gives none need not have a robot there. ``operator`` is as for :class:`OperatorLink`:
+    who sits here is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`. Map and trees come from
+    the robots that are open.
     """
 
     def __init__(
@@ -37,32 +40,57 @@ class FleetLink:
         make_mirror: Callable[[], Mirror],
         operator: str | None = '',
         scan_period: float = 0.0,
+        only: Sequence[str] = (),
     ) -> None:
         self.fleet = fleet
-        self.own = runtime.node.get_namespace()
+        self.own = only[0] if only else runtime.node.get_namespace()
         self._runtime = runtime
         self._make_mirror = make_mirror
         self._operator = operator
         self._scan_period = scan_period
         self._joined: dict[str, tuple[Mirror, OperatorLink]] = {}
-        self._surroundings: SurroundingsLink | None = None
-        runtime.call(lambda: self._join(self.own) if self.own == '/' else self._list(self.own))
-        runtime.call(self._look)
-        runtime.call(
-            lambda: runtime.node.create_timer(LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        )
+        self._opened: dict[str, tuple[int, SurroundingsLink]] = {}
+        self._opening = threading.Lock()
+        self._selected = ''
+        for name in only or [self.own]:
+            runtime.call(functools.partial(self._join if name == '/' and not only else self._list, name))
+        if not only:
+            runtime.call(self._look)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            runtime.call(lambda: runtime.node.create_timer(LOOK_SECONDS, self._look, clock=steady))
 
-    def link(self, name: str) -> OperatorLink:
-        """The link of a robot. Raises KeyError when it is not known."""
-        return self._joined[name][1]
+    def robot(self, name: str) -> tuple[Mirror, OperatorLink]:
+        """The mirror and the link of a robot. Raises KeyError when it is not known."""
+        return self._joined[name]
+
+    def open(self, name: str) -> None:
+        """Have map, trees and scan of a robot come until :meth:`close` was called as often. Raises as :meth:`robot`.
+
+        Neither of both on the executor thread.
+        """
+        mirror, _ = self._joined[name]
+        with self._opening:
+            known = self._opened.get(name)
+            count, link = known or (0, SurroundingsLink(self._runtime, mirror, name, self._scan_period))
+            self._opened[name] = count + 1, link
+
+    def close(self, name: str) -> None:
+        """See :meth:`open`."""
+        with self._opening:
+            count, link = self._opened.pop(name)
+            if count > 1:
+                self._opened[name] = count - 1, link
+                return
+            link.close()
+            self._joined[name][0].forget_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, OperatorLink]:
-        """Have map and trees come from a robot, and give its mirror and its link. Raises KeyError as :meth:`link`."""
-        mirror, link = self._joined[name]
-        if self._surroundings is not None:
-            self._surroundings.close()
-        self._surroundings = SurroundingsLink(self._runtime, mirror, name, self._scan_period)
-        return mirror, link
+        """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
+        self.open(name)
+        if self._selected:
+            self.close(self._selected)
+        self._selected = name
+        return self._joined[name]
 
     def _look(self) -> None:
         node = self._runtime.node

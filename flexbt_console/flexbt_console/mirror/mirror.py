@@ -217,6 +217,12 @@ class Mirror:
                 return
         self._surround(scan=scan)
 
+    def forget_surroundings(self) -> None:
+        """Trees, plan and scan are not heard any more: what they were is not shown later. The map stays as it is."""
+        with self._lock:
+            self._trees = Trees()
+        self._surround(plan=(), scan=())
+
     def _surround(self, **parts: Any) -> None:
         with self._lock:
             self._surroundings = replace(self._surroundings, **parts)

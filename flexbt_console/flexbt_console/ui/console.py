@@ -170,25 +170,23 @@ def _run_replay(line: CommandLine) -> ExitCode:
 
 def _run_web(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, Station, WebServer, print_address, run_web
+        from .web import Access, Link, Station, WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
             raise
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
-    from flexbt_console.link import OperatorLink, SimulatorLink, SurroundingsLink
+    from flexbt_console.link import SimulatorLink
 
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
+    only = dict.fromkeys(map(full_namespace, line.values('--robot')))
     with _open_runtime(line) as runtime:
-        operator, make_mirror, simulator = _operator(line), _mirror_maker(line, runtime), SimulatorLink(runtime)
-        stations = {}
-        given = line.values('--robot') or [runtime.node.get_namespace()]
-        for namespace in dict.fromkeys(map(full_namespace, given)):
-            mirror = make_mirror()
-            link = OperatorLink(runtime, mirror, operator, namespace)
-            SurroundingsLink(runtime, mirror, namespace, _scan_period(line))
-            station = Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
-            stations[namespace.strip('/') or namespace] = station
-        run_web(WebServer(stations, access).application(), access, _port(line), print_address)
+        operator, simulator = _operator(line), SimulatorLink(runtime)
+
+        def station(mirror: Mirror, link: Link) -> Station:
+            return Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
+
+        server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
+        run_web(server.application(), access, _port(line), print_address)
         return ExitCode.OK
 
 
@@ -255,10 +253,10 @@ def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLin
     return mirror, OperatorLink(runtime, mirror, operator), CommandBuilder(operator)
 
 
-def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None) -> FleetLink:
+def _fleet(line: CommandLine, runtime: NodeRuntime, operator: str | None, only: Sequence[str] = ()) -> FleetLink:
     from flexbt_console.link import FleetLink
 
-    return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator, _scan_period(line))
+    return FleetLink(runtime, Fleet(), _mirror_maker(line, runtime), operator, _scan_period(line), only)
 
 
 def _scan_period(line: CommandLine) -> float:

@@ -11,7 +11,7 @@ from .demo_processes import (
     first_place,
     page_command,
 )
-from .interactive import run_console
+from .interactive import run_console, serve_page
 from .options import RunOptions, parse_options, parse_run_options
 from .picture import draw_tracks, write_picture
 from .process_group import EndedProcess, ProcessGroup
@@ -62,6 +62,7 @@ __all__ = [
     'parse_run_options',
     'run_console',
     'run_demonstration',
+    'serve_page',
     'set_environment',
     'write_picture',
 ]

@@ -35,15 +35,15 @@ def run_interactive(
         session.operator.wait_state('/AskGoal')
     group.watch(lambda process: ended.update({process.name: process}))
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
-    print(_serve_page(group), flush=True)
+    print(serve_page(group), flush=True)
     exit_code = run_console(console_command())
     for process in ended.values():
         print(process.report(), file=sys.stderr)
     return exit_code
 
 
-def _serve_page(group: ProcessGroup) -> str:
-    """Serve the operator's page, too; where it is."""
+def serve_page(group: ProcessGroup) -> str:
+    """Serve the operator's page of all robots, too; a line that tells where it is, empty where aiohttp is missing."""
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]

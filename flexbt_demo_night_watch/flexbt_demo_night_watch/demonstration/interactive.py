@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console
+from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console, serve_page
 
 from .watch import Watch
 from .watch_processes import ROBOTS
@@ -13,7 +13,7 @@ from .watch_processes import ROBOTS
 INTRODUCTION = """
 Both robots are on their rounds; the door of the archive is jammed. Which robot do you look after, or what happens?
 
-  alpha, beta      its console: "status", "confirm", "force OUTCOME", "switch", "help"; "quit" leads back here
+  alpha, beta      its screen: "?" shows the keys, "o" both robots, "q" leads back here
   mend             the door is mended
   battery ROBOT    its battery runs low
   lose ROBOT       its computer dies
@@ -24,7 +24,7 @@ Both robots are on their rounds; the door of the archive is jammed. Which robot 
 def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
     """Begin the rounds, and do what the operator says until the night is over; lines come from `read`."""
     watch.start()
-    print(INTRODUCTION, flush=True)
+    print(INTRODUCTION + serve_page(watch.group), flush=True)
     while True:
         try:
             words = read('night watch> ').split()

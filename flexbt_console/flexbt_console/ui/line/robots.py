@@ -15,26 +15,34 @@ from flexbt_core.clock import Clock
 QUIET_SECONDS: Final = 1.0
 """Robots are found one after the other: they are all there when none comes, and none becomes live, for so long."""
 
+HEAR_SECONDS: Final = 5.0
+"""For so long a robot that was found, and not heard yet, is waited for."""
+
 
 def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
-    """Print the robots that are heard within ``timeout`` seconds.
+    """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is silent.
 
     Raises:
         NoLinkError: there is none.
     """
     changed = threading.Event()
     fleet.add_listener(changed.set)
-    end, known, quiet_from = clock.now() + timeout, -1, clock.now()
-    while clock.now() < min(end, quiet_from + QUIET_SECONDS) or (known <= 0 and clock.now() < end):
-        changed.wait(min(QUIET_SECONDS, max(0.0, end - clock.now())))
+    until = end = clock.now() + timeout
+    known: set[tuple[str, bool, bool]] = set()
+    while True:
         changed.clear()
-        live = sum(one.view.live for one in fleet.overview())
-        if live != known:
-            known, quiet_from = live, clock.now()
-    heard = [one for one in fleet.overview() if one.view.snapshot is not None]
-    if not heard:
+        found = {(one.name, one.view.snapshot is not None, one.view.live) for one in fleet.overview()}
+        now = clock.now()
+        if found != known:
+            is_heard = all(heard for _, heard, _ in found)
+            known, until = found, min(end, now + (QUIET_SECONDS if is_heard else HEAR_SECONDS))
+        if now >= until:
+            break
+        changed.wait(until - now)
+    robots = fleet.overview()
+    if not any(one.view.snapshot for one in robots):
         raise NoLinkError(f'no robot was heard within {timeout:g} s in this ROS_DOMAIN_ID')
     colours = has_colours(sys.stdout)
-    lines = [coloured(robot_line(one), colours) for one in heard]
-    print(encode_json(robots_json(heard)) if as_json else '\n'.join(lines), flush=True)
+    lines = [coloured(robot_line(one), colours) for one in robots]
+    print(encode_json(robots_json(robots)) if as_json else '\n'.join(lines), flush=True)
     return ExitCode.OK

@@ -4,13 +4,14 @@
 from .access import Access
 from .run import print_address, run_web, screen_application
 from .server import MOST_PAGES, WebServer
-from .station import Link, Obstacles, Station
+from .station import Link, Obstacles, Robots, Station
 
 __all__ = [
     'MOST_PAGES',
     'Access',
     'Link',
     'Obstacles',
+    'Robots',
     'Station',
     'WebServer',
     'print_address',

@@ -9,6 +9,7 @@ import logging
 import struct
 import traceback
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -20,7 +21,7 @@ from flexbt_console.present import command_result_lines, encode_json, tone_of
 from flexbt_core.values import lines, one_line
 
 from .drawings import Drawings, machine_drawing, tree_drawing
-from .picture import COMMAND_PART, log_part, map_part, parts_of, robot_lines, times_part
+from .picture import COMMAND_PART, log_part, map_part, other_robots, parts_of, robot_lines, times_part
 from .requests import Allowance, Answer, Later, carry_out, read
 from .station import Station
 
@@ -45,19 +46,14 @@ _LOGGER: Final = logging.getLogger(__name__)
 class PageLink:
     """A page at its WebSocket. ``knows_token`` judges what the page says first."""
 
+    _fleet: Fleet
+    _robot: str
+    _station: Station
+
     def __init__(
-        self,
-        socket: web.WebSocketResponse,
-        fleet: Fleet,
-        robot: str,
-        station: Station,
-        drawings: Drawings,
-        knows_token: Callable[[object], bool],
+        self, socket: web.WebSocketResponse, drawings: Drawings, knows_token: Callable[[object], bool]
     ) -> None:
         self._socket = socket
-        self._fleet = fleet
-        self._robot = robot
-        self._station = station
         self._drawings = drawings
         self._knows_token = knows_token
         self._changed = asyncio.Event()
@@ -69,19 +65,22 @@ class PageLink:
         self._pending: list[str] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
+        self._waits = ThreadPoolExecutor(MOST_AT_ONCE, 'waits')  # of its own: nothing else waits for these threads
         self._sending = asyncio.Lock()
 
     def wake(self) -> None:
         """Something has changed; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self) -> None:
-        """Until the page or the server ends it. First of all, :meth:`is_welcome`."""
-        await self._send({'hello': {'robot': self._robot, 'robots': self._fleet.names, 'commands': COMMAND_PART}})
+    async def serve(self, fleet: Fleet, robot: str, station: Station) -> None:
+        """Show that robot, and lines of the others, until the page or the server ends it; after :meth:`is_welcome`."""
+        self._fleet, self._robot, self._station = fleet, robot, station
+        await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
         try:
             await self._hear()
         finally:
+            self._waits.shutdown(wait=False, cancel_futures=True)
             for task in (show, *self._tasks):
                 task.cancel()
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
@@ -120,8 +119,9 @@ class PageLink:
         if self._station.obstacles is not None:
             parts['simulator'] = self._station.obstacles.is_possible()
             parts['obstacles'] = self._station.obstacles.dropped
-        if len(self._fleet.names) > 1:
-            parts['robots'] = robot_lines(self._fleet.overview())
+        robots = self._fleet.overview()
+        parts['robots'] = robot_lines(robots)
+        parts['others'] = other_robots(self._robot, view, robots)
         run = view.snapshot.run_id if view.snapshot else None
         if run != self._run:  # from then on the page follows the pose
             self._run = run
@@ -228,6 +228,6 @@ class PageLink:
             raise RefusedError(f'{MOST_AT_ONCE} requests of this page wait for their answers; ask again later')
         self._waiting += 1
         try:
-            return await asyncio.to_thread(wait)
+            return await asyncio.get_running_loop().run_in_executor(self._waits, wait)
         finally:
             self._waiting -= 1

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from flexbt_console.commands import COMMANDS
-from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LogLine, RobotOverview, TreeRun, View
+from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LinkState, LogLine, RobotOverview, TreeRun, View
 from flexbt_console.present import (
     age_text,
     alarm_line,
@@ -188,6 +188,17 @@ def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
         }
         for robot in robots
     ]
+
+
+def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
+    """Where the other robots are on the map of this one, unless their map is known to be another one."""
+    shown = []
+    for robot in sorted(robots, key=lambda one: one.name):
+        theirs, pose = robot.view.surroundings.map, _pose(robot.view)
+        is_elsewhere = None not in (theirs, view.surroundings.map) and theirs != view.surroundings.map
+        if robot.name != name and robot.view.link is not LinkState.LOST and pose is not None and not is_elsewhere:
+            shown.append({'name': one_line(robot.name), 'live': robot.view.live, **pose})
+    return shown
 
 
 def _asked(view: View) -> str:

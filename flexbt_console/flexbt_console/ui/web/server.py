@@ -4,20 +4,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Final
 
 from aiohttp import WSCloseCode, web
 
 from flexbt_common.pictures import STYLE
-from flexbt_console.mirror import Fleet
+from flexbt_console.mirror import Mirror
 
 from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
 from .requests import MESSAGE_BYTES
-from .station import Station
+from .station import Link, Robots, Station
 
 MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
@@ -31,12 +31,12 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 
 
 class WebServer:
-    """Serves the pages of some robots, by their names."""
+    """Serves the pages of robots, also of those that come later; ``station`` makes what the page of one needs."""
 
-    def __init__(self, stations: Mapping[str, Station], access: Access) -> None:
-        self._stations = dict(stations)
+    def __init__(self, robots: Robots, station: Callable[[Mirror, Link], Station], access: Access) -> None:
+        self._robots = robots
+        self._station = station
         self._access = access
-        self._fleet = Fleet()
         self._pages: set[PageLink] = set()
         self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
@@ -62,9 +62,7 @@ class WebServer:
     async def _start(self, application: web.Application) -> None:
         self._loop = asyncio.get_running_loop()
         self._drawings = Drawings()
-        for name, station in self._stations.items():
-            self._fleet.add(name, station.mirror)
-        self._fleet.add_listener(self._wake)
+        self._robots.fleet.add_listener(self._wake)
 
     def _wake(self) -> None:
         """From any thread; many changes make one waking."""
@@ -99,25 +97,39 @@ class WebServer:
         }
 
     async def _open(self, request: web.Request) -> web.StreamResponse:
-        robot = request.query.get('robot') or next(iter(self._stations))
-        if robot not in self._stations:
-            raise web.HTTPNotFound(text=f'there is no robot {robot[:100]!r}; there are: {", ".join(self._stations)}')
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
-        page = PageLink(socket, self._fleet, robot, self._stations[robot], self._drawings, self._access.knows_token)
+        page = PageLink(socket, self._drawings, self._access.knows_token)
         await socket.prepare(request)
         if not await self._greet(page, request):
             return socket
-        if len(self._pages) >= MOST_PAGES:
-            text = f'{MOST_PAGES} pages are open already; close one'
+        robot = self._named(request.query.get('robot', ''))
+        if robot is None or len(self._pages) >= MOST_PAGES:
+            text = (
+                'no robot of this name was found yet'
+                if robot is None
+                else f'{MOST_PAGES} pages are open already; close one'
+            )
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=text.encode())
             return socket
         self._pages.add(page)
         try:
-            await page.serve()
+            await asyncio.to_thread(self._robots.open, robot)
+            try:
+                await page.serve(self._robots.fleet, robot, self._station(*self._robots.robot(robot)))
+            finally:
+                await asyncio.to_thread(self._robots.close, robot)
         finally:
             self._pages.discard(page)
         return socket
+
+    def _named(self, name: str) -> str | None:
+        """The robot that a page asks for: one by its name, also without the slash; the own one, or the most urgent."""
+        known = self._robots.fleet.names
+        if name:
+            return next((one for one in (name, f'/{name}') if one in known), None)
+        own = self._robots.own
+        return own if own in known or not known else self._robots.fleet.overview()[0].name
 
     async def _greet(self, page: PageLink, request: web.Request) -> bool:
         """Whether the page is welcome. Who says nothing keeps nobody out."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the page needs of one robot: its mirror, the way of commands to it, and the simulator where there is one."""
+"""What the page needs of a robot: its mirror, the way of commands to it, and the simulator where there is one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from flexbt_console.commands import AskedRobot, CommandBuilder
-from flexbt_console.mirror import Command, Mirror
+from flexbt_console.mirror import Command, Fleet, Mirror
 
 
 class Link(AskedRobot, Protocol):
@@ -43,3 +43,20 @@ class Station:
     make: CommandBuilder
     timeout: float
     obstacles: Obstacles | None = None
+
+
+class Robots(Protocol):
+    """The robots by their namespaces; see :class:`flexbt_console.link.FleetLink`."""
+
+    fleet: Fleet
+    own: str
+    """The one that is shown where none is named, if it is there."""
+
+    def robot(self, name: str) -> tuple[Mirror, Link]:
+        """The mirror and the link of a robot. Raises KeyError when it is not known."""
+
+    def open(self, name: str) -> None:
+        """Have map, trees and scan of a robot come until :meth:`close` was called as often. Both may take a moment."""
+
+    def close(self, name: str) -> None:
+        """See :meth:`open`."""

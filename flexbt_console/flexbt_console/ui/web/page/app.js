@@ -145,8 +145,17 @@ function drawHead() {
   document.title = `${known.decisions.length ? '? ' : ''}${live ? '' : 'BLIND '}${known.robot ?? ''} FlexBT`;
 }
 
+// The robots that are found, the most urgent first. A page that has named none goes to the first that comes.
 function drawRobots() {
-  byId('robots-pane').hidden = known.robots.length < 2;
+  const others = known.robots.filter((robot) => robot.name !== known.robot);
+  if (others.length && others.length === known.robots.length && !new URL(location).searchParams.has('robot')) goTo(others[0].name);
+  byId('robots-pane').hidden = byId('choose-robot').hidden = others.length === 0;
+  const names = known.robots.map((robot) => robot.name).sort();
+  const options = [...byId('robot').options].map((option) => option.value);
+  if (names.join('\n') !== options.join('\n')) {
+    byId('robot').replaceChildren(...names.map((name) => element('option', {value: name}, name)));
+    byId('robot').value = known.robot;
+  }
   const focused = document.activeElement?.dataset.robot;
   byId('robots').replaceChildren(...known.robots.map((robot) => {
     const button = element('button', {type: 'button', 'data-robot': robot.name, 'aria-pressed': String(robot.name === known.robot)},
@@ -172,7 +181,7 @@ function takeParts(parts) {
   Object.assign(known, parts);
   if (parts.log) for (const line of parts.log) addLog(line.text, line.tone);
   if (parts.driven) map.set('driven', parts.driven);
-  for (const name of ['plan', 'places', 'obstacles', 'scan']) if (parts[name]) map.set(name, parts[name]);
+  for (const name of ['plan', 'places', 'obstacles', 'scan', 'others']) if (parts[name]) map.set(name, parts[name]);
   if ('pose' in parts) {
     map.setPose(parts.pose);
   }
@@ -192,9 +201,6 @@ function takeMessage(message) {
   if (message.hello) {
     known.robot = message.hello.robot;
     commands.specs = message.hello.commands;
-    byId('choose-robot').hidden = message.hello.robots.length < 2;
-    byId('robot').replaceChildren(...message.hello.robots.map((name) => element('option', {value: name}, name)));
-    byId('robot').value = known.robot;
     byId('log').replaceChildren();
   } else if (message.drawing) {
     if (message.drawing.svg) {

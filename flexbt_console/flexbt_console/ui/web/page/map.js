@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The map: walls, places, obstacles, what the lidar meets, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
+// The map: walls, places, obstacles, what the lidar meets, other robots, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
 
 const TURN = Math.PI / 8;
 const STEP_PX = 12;
@@ -9,7 +9,7 @@ const MOST_TRACE = 4000;
 export class RobotMap {
   // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at
   constructor(canvas, hint, on) {
-    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], pose: null});
+    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
     this.mode = '';          // '', 'pose' or 'obstacle'
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
@@ -153,6 +153,12 @@ export class RobotMap {
       context.strokeStyle = this.colour('--plan');
       context.lineWidth = 2;
       for (const radius of [4, 8]) { context.beginPath(); context.arc(x, y, radius, 0, 7); context.stroke(); }
+    }
+    for (const {name, x, y, yaw, live} of this.others) {
+      const where = at([x, y]);
+      this.arrow(context, where, yaw, this.colour('--driven'), 9);
+      context.fillStyle = this.colour('--driven');
+      context.fillText(`${name.slice(0, 40)}${live ? '' : ' (old)'}`, where[0] + 10, where[1] + 4);
     }
     if (this.pose) this.arrow(context, at([this.pose.x, this.pose.y]), this.pose.yaw, this.colour('--robot'), 11);
     if (this.cursor) {

@@ -53,7 +53,7 @@ export class ServerLink {
   look() {
     if (this.socket && performance.now() - this.heard > SILENT_MS) {
       const silent = this.socket;
-      this.lost('it is silent');
+      this.lost('the server of this page is silent');
       silent.close();
     }
   }
@@ -61,7 +61,7 @@ export class ServerLink {
   lost(reason) {
     this.socket = null;
     this.welcome = false;
-    this.on.state(false, `the server of this page is gone${reason ? `: ${reason}` : ''}; trying again`);
+    this.on.state(false, `${reason || 'the server of this page is gone'}; trying again`);
     setTimeout(() => this.open(), this.wait);
     this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
   }
