@@ -5,16 +5,20 @@ from .graphviz import LAYOUT_SECONDS, graphviz_command, svg
 from .machine_graph import DrawnState, DrawnTree, MachineBox, StateBox, machine_graph
 from .machine_picture import machine_as_dot, machine_as_mermaid
 from .markup import STYLE, dot_text, finished, mermaid_text
+from .sequence_picture import Arrow, Note, SequenceDiagram, sequence_as_mermaid, sequence_as_svg
 from .tree_picture import DrawnNode, NodeShape, trees_as_dot, trees_as_mermaid
 
 __all__ = [
     'LAYOUT_SECONDS',
     'STYLE',
+    'Arrow',
     'DrawnNode',
     'DrawnState',
     'DrawnTree',
     'MachineBox',
     'NodeShape',
+    'Note',
+    'SequenceDiagram',
     'StateBox',
     'dot_text',
     'finished',
@@ -23,6 +27,8 @@ __all__ = [
     'machine_as_mermaid',
     'machine_graph',
     'mermaid_text',
+    'sequence_as_mermaid',
+    'sequence_as_svg',
     'svg',
     'trees_as_dot',
     'trees_as_mermaid',

@@ -25,7 +25,10 @@ class DrawnTree:
 
 @dataclass(frozen=True)
 class DrawnState:
-    """A state or container, with the fields of flexbt_msgs/StateStructure; ``kind`` is the constant in lower case."""
+    """A state or container, with the fields of flexbt_msgs/StateStructure; ``kind`` is the constant in lower case.
+
+    ``why`` are lines about why it is there.
+    """
 
     path: str
     kind: str
@@ -35,6 +38,7 @@ class DrawnState:
     targets: Sequence[str]
     autonomy: Sequence[int]
     tree: DrawnTree | None = None
+    why: Sequence[str] = ()
 
     @property
     def label(self) -> str:

@@ -48,7 +48,7 @@ def _dot_state(box: StateBox) -> Iterator[str]:
     state = box.state
     # The title of the tree is in the label of its state: no transition can cross it there.
     tree = [f'runs tree {state.tree.title}'] if state.tree else []
-    label = dot_text([state.label, f'({state.type})', *tree])
+    label = dot_text([state.label, f'({state.type})', *state.why, *tree])
     node = f'    {box.id} [shape=box, id={box.id}, class=State, fillcolor="{MARKS["State"].light}", label={label}]'
     if state.tree is None:
         yield node
@@ -82,7 +82,7 @@ def _mermaid_machine(box: MachineBox, title: str) -> Iterator[str]:
 
 def _mermaid_state(box: StateBox) -> Iterator[str]:
     state = box.state
-    yield f'    {box.id}["{mermaid_text([state.label, f"({state.type})"])}"]:::State'
+    yield f'    {box.id}["{mermaid_text([state.label, f"({state.type})", *state.why])}"]:::State'
     if state.tree is not None:
         yield f'    subgraph {box.id}g["{mermaid_text([state.tree.title])}"]'
         yield from mermaid_tree(f'{box.id}t', state.tree.nodes)

@@ -11,16 +11,28 @@
 from flexbt_core.monitors import Property, Violation
 
 from .choices import Choice, Choices
-from .explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Limits, Progress, RestoreError, explore, narrate, replay
+from .explorer import (
+    DEFAULT_CONFIGURATIONS,
+    DEFAULT_SECONDS,
+    Limits,
+    Moment,
+    Progress,
+    RestoreError,
+    explore,
+    narrate,
+    replay,
+    walk,
+)
 from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
-from .model import Counterexample, Label, Move, Report, System, servers_gone
+from .model import OPERATOR, Counterexample, Label, Move, Report, System, servers_gone
 from .state_models import StateKind, StateModel, StateModels, state_model
 from .tree_system import TreeSystem
 
 __all__ = [
     'DEFAULT_CONFIGURATIONS',
     'DEFAULT_SECONDS',
+    'OPERATOR',
     'Bounds',
     'Choice',
     'Choices',
@@ -31,6 +43,7 @@ __all__ = [
     'LeafModels',
     'Limits',
     'MachineSystem',
+    'Moment',
     'Move',
     'Operator',
     'Progress',
@@ -49,4 +62,5 @@ __all__ = [
     'replay',
     'servers_gone',
     'state_model',
+    'walk',
 ]

@@ -8,9 +8,10 @@ with one that was reached by the steps from the beginning: a configuration that 
 from __future__ import annotations
 
 import gc
+import itertools
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -240,6 +241,7 @@ class _Exploration:
             coverable=len(system.coverable()),
             uncovered=uncovered,
             checked_restores=self._checked,
+            make=self._make,
         )
 
     @property
@@ -257,17 +259,40 @@ class _Exploration:
         return system.position()
 
 
-def narrate(make: Callable[[], System], moves: tuple[Move, ...]) -> list[str]:
-    """What happens on a way, a line for each step and for what follows from it, on a new system."""
+class Moment(NamedTuple):
+    """A step on a way that was made just now on ``system``: what was chosen in it, and what is wrong with it."""
+
+    system: System
+    label: Label
+    chosen: str
+    violations: Sequence[Violation]
+
+    @property
+    def happened(self) -> list[str]:
+        """What has happened in it, a line each; lines that follow each other and are the same are counted."""
+        counted = [(line, len(list(same))) for line, same in itertools.groupby(self.system.happened())]
+        return [f'{line} ({count} times)' if count > 1 else line for line, count in counted]
+
+    def __str__(self) -> str:
+        return f'{self.label}{f" ({self.chosen})" if self.chosen else ""}'
+
+
+def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
+    """Make the steps of a way on a new system, one by one."""
     system = make()
-    lines = [f'it begins: {system.position()}']
-    for number, (label, answers) in enumerate(moves, start=1):
+    for label, answers in moves:
         choices = Choices(answers)
         violations = system.step(label, choices)
-        told = ', '.join(str(one) for one in choices.made)
-        lines.append(f'{number}. {label}{f" ({told})" if told else ""}')
-        lines += [f'     {line}' for line in system.happened()]
-        lines += [f'     ! {violation.text}' for violation in violations]
+        yield Moment(system, label, ', '.join(str(one) for one in choices.made), violations)
+
+
+def narrate(make: Callable[[], System], moves: tuple[Move, ...]) -> list[str]:
+    """What happens on a way, a line for each step and for what follows from it, on a new system."""
+    lines = [f'it begins: {make().position()}']
+    for number, moment in enumerate(walk(make, moves), start=1):
+        lines.append(f'{number}. {moment}')
+        lines += [f'     {line}' for line in moment.happened]
+        lines += [f'     ! {violation.text}' for violation in moment.violations]
     return lines
 
 

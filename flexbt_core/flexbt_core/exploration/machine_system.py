@@ -29,7 +29,7 @@ from flexbt_core.state_machine.engine import ContainerRun
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .model import STOP, Answer, Label, servers_gone
+from .model import START, STOP, Answer, Label, servers_gone
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
 
@@ -156,6 +156,11 @@ class MachineSystem:
         classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
         self._memory = Memory(roots, self.clock, layout, classes)
 
+    @property
+    def run(self) -> MachineRun:
+        """The run, for who shows it."""
+        return self._run
+
     # -- what an exploration needs -----------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
@@ -182,7 +187,7 @@ class MachineSystem:
     def labels(self) -> Sequence[Label]:
         run, counted, environment, bounds = self._run, self._counted, self._environment, self._bounds
         if not counted.is_started:
-            return [Label('start')]
+            return [Label(START)]
         if run.outcome is not None:
             return []
         labels = [Label(CONFIRMED, path) for path in environment.ending]
@@ -255,7 +260,7 @@ class MachineSystem:
     def _happen(self, label: Label) -> None:
         run, environment, counted = self._run, self._environment, self._counted
         kind, path, value = label
-        if kind == 'start':
+        if kind == START:
             counted.is_started = True
             run.start()
         elif kind == OUTCOME:

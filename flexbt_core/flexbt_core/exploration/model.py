@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
 from flexbt_core.monitors import Violation
@@ -25,12 +25,23 @@ class Label(NamedTuple):
         """Whether it is that everything be stopped."""
         return self.kind == STOP
 
+    @property
+    def actor(self) -> str:
+        """Who makes it happen: OPERATOR, or the path of a state or leaf; '' for time."""
+        return OPERATOR if self.kind.startswith((OPERATOR, STOP, START)) else self.subject
+
     def __str__(self) -> str:
         return ' '.join(part for part in self if part)
 
 
 STOP: Final = 'stop'
 """The kind of label by which everything is stopped."""
+
+START: Final = 'start'
+"""The kind of label by which it begins."""
+
+OPERATOR: Final = 'operator'
+"""With this the other kinds of labels begin that are the operator's."""
 
 
 class Move(NamedTuple):
@@ -109,7 +120,7 @@ class Report:
 
     ``is_complete``: everything that the bounds allow was followed; otherwise ``stopped_by`` says what ended it.
     ``bounds`` says of what it was all. ``ends`` are the ways to end that were found, ``uncovered`` what was never
-    taken.
+    taken. ``make`` makes the system anew, at its beginning.
     """
 
     name: str
@@ -127,6 +138,7 @@ class Report:
     coverable: int
     uncovered: tuple[str, ...]
     checked_restores: int = 0
+    make: Callable[[], System] | None = field(default=None, compare=False, repr=False)
 
     @property
     def holds(self) -> bool:

@@ -39,10 +39,9 @@ from .leaf_models import (
     substitute,
     tested_values,
 )
-from .model import STOP, Answer, Label
+from .model import START, STOP, Answer, Label
 from .virtual_time import VirtualClock
 
-START: Final = 'start'
 RESULT: Final = 'result'
 CONFIRMED: Final = 'cancel confirmed'
 ALARM: Final = 'time goes by'
@@ -216,6 +215,11 @@ class TreeSystem:
                 entry.write(some_value(entry.type))
                 found.append(key)
         return tuple(sorted(set(found)))
+
+    @property
+    def tree(self) -> Tree:
+        """The tree, for who shows it."""
+        return self._tree
 
     # -- what an exploration needs -----------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from .run_outcome import RunOutcome
 from .run_watchers import RunWatcher, watched_by
 from .tree_logs import TreeLogs
 from .tree_run import TreeRun
-from .tree_stream import NoStream, TreeStream
+from .tree_stream import NoStream, TreeStream, tree_structure
 
 __all__ = [
     'Groot2Runs',
@@ -18,5 +18,6 @@ __all__ = [
     'TreeLogs',
     'TreeRun',
     'TreeStream',
+    'tree_structure',
     'watched_by',
 ]

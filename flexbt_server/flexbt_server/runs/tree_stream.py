@@ -167,7 +167,7 @@ class RunStream:
                 self._number += 1
                 self._reader = RoundReader(tree.nodes)
                 self._statuses = bytearray(self._reader.statuses)
-                self._structure = _structure(tree, self._run_id, self._number, self._blackboard, self._stream.now())
+                self._structure = tree_structure(tree, self._run_id, self._number, self._blackboard, self._stream.now())
             self.show_structure()
         except Exception as error:
             self._stop(error)
@@ -281,7 +281,8 @@ def _parts(marks: list[int]) -> Iterator[tuple[int | None, list[int]]]:
 _KINDS: Final = {kind: getattr(msg.TreeNode, kind.name) for kind in NodeKind}
 
 
-def _structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
+def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: Time) -> msg.TreeStructure:
+    """A tree as it is told to who draws it; ``number`` counts from 1 how often its nodes have changed in the run."""
     parents = {child.uid: node.uid for node in tree.nodes for child in node.attached}
     return msg.TreeStructure(
         stamp=now.to_msg(),

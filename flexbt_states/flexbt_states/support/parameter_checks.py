@@ -103,6 +103,9 @@ def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> 
     names = list(outcomes)
     if not names:
         raise StateParameterError(state, parameter, 'the list is empty')
+    for name in names:
+        if not isinstance(name, str):  # YAML reads on, off, yes and no as truth values
+            raise StateParameterError(state, parameter, f'{name!r} is no text; in YAML an outcome such as on is quoted')
     if len(set(names)) < len(names):
         raise StateParameterError(state, parameter, f'an outcome is listed twice: {", ".join(names)}')
     return names

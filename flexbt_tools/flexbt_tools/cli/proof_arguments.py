@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
 from flexbt_core.values import one_line
+from flexbt_tools.counterexamples import draw_counterexamples, record_counterexamples
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.proofs import report_as_json, report_lines
 from flexbt_tools.text_files import write_text
@@ -25,7 +26,8 @@ def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
-    """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.json``, ``options.quiet``."""
+    """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``, ``options.draw``,
+    ``options.json``, ``options.quiet``."""
     parser.add_argument(
         '--seconds',
         metavar='S',
@@ -41,12 +43,20 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         help='end with so many situations (default: %(default)d)',
     )
     parser.add_argument('--save-test', metavar='FILE', help='write what is wrong as a test for pytest')
+    parser.add_argument(
+        '--save-recording', metavar='FILE', help='write the ways to what is wrong as a recording, for console replay'
+    )
+    parser.add_argument(
+        '--draw',
+        metavar='FILE',
+        help='draw what is wrong as sequence diagrams, SVG or (.mmd) Mermaid: FILE, FILE-2 ...',
+    )
     parser.add_argument('--quiet', action='store_true', help='no progress')
     arguments.add_json(parser)
 
 
 def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
-    """Print what was found; the exit code."""
+    """Print what was found, and write the pictures and the recording that are wanted; the exit code."""
     if options.json:
         print(json.dumps({'proofs': [report_as_json(report) for report in reports]}))
     else:
@@ -54,8 +64,18 @@ def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
             for line in report_lines(report):
                 print(one_line(line, 2000))
     if any(not report.holds for report in reports):
+        _save(options, reports)
         return ExitCode.NEGATIVE
     return ExitCode.OK if all(report.is_complete for report in reports) else ExitCode.UNFINISHED
+
+
+def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
+    if options.draw is not None:
+        files = draw_counterexamples(options.draw, reports)
+        print(f'drawn in {", ".join(files)}', file=sys.stderr)
+    if options.save_recording is not None:
+        record_counterexamples(options.save_recording, reports)
+        print(f'the recording is in {options.save_recording}: console replay shows it', file=sys.stderr)
 
 
 def save_test(options: argparse.Namespace, text: str) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Synthesis with the states that are installed, its files, and its answers as text."""
 
-from .answer_text import explanation_lines, step_through
+from .answer_text import explanation_lines, happening, step_through
 from .files import SynthesisFiles, read, read_problem
 from .flexbe_messages import flexbe_messages, has_flexbe_messages
 from .state_interfaces import StateInterfaces
@@ -11,6 +11,7 @@ __all__ = [
     'SynthesisFiles',
     'explanation_lines',
     'flexbe_messages',
+    'happening',
     'has_flexbe_messages',
     'read',
     'read_problem',

@@ -30,7 +30,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
             others = len(step.choices) - 1
             more = f' (or {others} other{"s" if others > 1 else ""})' if others > 0 else ''
             then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed, because of'
-            yield f'  {number:2}. {_happens(step)}{then}'
+            yield f'  {number:2}. {happening(step)}{then}'
         if explanation.stuck:
             yield from (f'        {one}' for one in explanation.stuck)
         else:
@@ -40,7 +40,8 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
     yield from (f'  - {remedy}' for remedy in explanation.remedies)
 
 
-def _happens(step: Step) -> str:
+def happening(step: Step) -> str:
+    """What the world does in a step."""
     if ' ends by ' in step.world:
         return step.world
     return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'

@@ -165,3 +165,18 @@ def test_for_flexbe_they_are_its_messages_where_these_are(coffee: str) -> None:
     assert machine is not None
     grind = next(one for one in flexbe_messages(machine) if one.state_path == '/grind')
     assert (grind.outcomes, list(grind.autonomy), grind.parameter_names) == (['grind', 'fail'], [2, 3], ['outcomes'])
+
+
+def test_a_machine_is_drawn_with_why_each_state_is_there(coffee: str, tmp_path: Path) -> None:
+    machine, picture = tmp_path / 'coffee machine.yaml', tmp_path / 'coffee.mmd'
+    assert tool('synthesize', coffee, '--goal', 'brew', '-o', str(machine)).code == 0
+    assert tool('draw', str(machine), '-o', str(picture)).code == 0
+    assert 'brew<br/>(OperatorDecisionState)<br/>nodes 3, 4<br/>holds grind' in picture.read_text(encoding='utf-8')
+
+
+def test_how_the_world_prevents_a_goal_is_drawn(coffee: str, tmp_path: Path) -> None:
+    picture = tmp_path / 'never.mmd'
+    assert tool('synthesize', coffee, '--goal', 'brew & !grind', '--draw', str(picture)).code == 1
+    head, *told = picture.read_text(encoding='utf-8').splitlines()
+    assert (head, '  participant p1 as the world' in told) == ('sequenceDiagram', True)
+    assert 'precondition' in told[-2] and 'No machine can do that' in told[-1]

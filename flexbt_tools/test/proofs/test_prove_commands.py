@@ -7,9 +7,13 @@ import contextlib
 import io
 import json
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
+from flexbt_console.mirror import NodeStatus
+from flexbt_console.recording import open_recording
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
 
@@ -48,6 +52,52 @@ def test_what_is_wrong_in_a_tree_is_told_and_saved_as_a_test(tmp_path: Path) -> 
         saved()
     tree.write_text(document('Main: <Sequence><Spin/><Wait/><BackUp/></Sequence>'))
     saved()  # what was wrong has been put right
+
+
+def test_what_is_wrong_is_drawn_and_is_shown_by_the_replay_of_the_console(tmp_path: Path) -> None:
+    tree = tmp_path / 'race.xml'
+    tree.write_text(
+        document('Main: <Parallel success_count="2"><Spin/><Sequence><Wait/><BackUp/></Sequence></Parallel>')
+    )
+    picture, recording = tmp_path / 'race.svg', tmp_path / 'race.mcap'
+    words = ('prove', str(tree), '--draw', str(picture), '--save-recording', str(recording))
+    assert tool(*words).code == 1
+    texts = [one.text or '' for one in ElementTree.parse(picture).iter('{http://www.w3.org/2000/svg}text')]  # noqa: S314
+    assert {'operator', 'tree', 'Wait::4', '1. start', '2. result: SUCCESS'} <= set(texts)
+    player = open_recording(recording)
+    seen = []
+    while player.time < player.duration:
+        seen.append([node for node, status in _statuses(player) if status is NodeStatus.RUNNING])
+        player.step(1)
+    assert ['Parallel', 'Spin', 'Wait'] in [[one for one in running if one != 'Sequence'] for running in seen]
+    assert {'Spin', 'BackUp'} <= {node for node, status in _statuses(player) if status is NodeStatus.RUNNING}
+    assert player.mirror.log(1)[0].text == 'WRONG: base has two owners at once: Spin::2 and BackUp::5'
+    assert 'File exists' in tool(*words).err  # no recording is written over
+
+
+def test_what_is_wrong_in_a_machine_is_shown_with_what_the_operator_is_asked(tmp_path: Path) -> None:
+    machine, recording = tmp_path / 'loop.yaml', tmp_path / 'loop.mcap'
+    machine.write_text(
+        'machine:\n  outcomes: [finished]\n  states:\n'
+        '    Go:\n      state: OperatorDecisionState\n      parameters: {outcomes: [go]}\n'
+        '      transitions: {go: Stay}\n'
+        '    Stay:\n      state: LogState\n      parameters: {text: here}\n      transitions: {done: Stay}\n',
+        encoding='utf-8',
+    )
+    code, _, err = behavior('prove', str(machine), '--save-recording', str(recording))
+    assert code == 1, err
+    player = open_recording(recording)
+    player.find('1. start')
+    view = player.mirror.view()
+    assert view.structure is not None and [state.path for state in view.structure.states] == ['/', '/Go', '/Stay']
+    assert (view.active_paths, [one.outcomes for one in view.decisions]) == (('/Go',), [('go',)])
+    player.find('WRONG: ')
+    assert 'transitions without waiting' in player.mirror.log(1)[0].text
+
+
+def _statuses(player: Any) -> list[tuple[str, NodeStatus]]:
+    (run,) = player.mirror.view().trees
+    return [(node.name, status) for node, status in zip(run.nodes, run.statuses, strict=True)]
 
 
 def test_what_no_steps_show_is_no_test_that_cannot_fail(tmp_path: Path) -> None:

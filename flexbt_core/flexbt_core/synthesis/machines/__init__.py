@@ -5,7 +5,7 @@ from .flexbe_form import read_sm_loader, state_instantiations
 from .from_strategy import machine_of
 from .machine import Part, State, SynthesizedMachine
 from .python_text import machine_as_python
-from .yaml_text import machine_as_yaml
+from .yaml_text import machine_as_yaml, reasons
 
 __all__ = [
     'Part',
@@ -15,5 +15,6 @@ __all__ = [
     'machine_as_yaml',
     'machine_of',
     'read_sm_loader',
+    'reasons',
     'state_instantiations',
 ]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
@@ -36,6 +37,15 @@ def machine_as_yaml(machine: SynthesizedMachine) -> str:
     if code:
         raise SynthesisError(code)
     return '\n'.join(_lines(machine)) + '\n'
+
+
+_WHY: Final = re.compile(r'    (?! )(.+?):  # (.+)')
+
+
+def reasons(text: str) -> dict[str, str]:
+    """Why each state is there, by its name, from the text of a machine that :func:`machine_as_yaml` has written."""
+    found = (_WHY.fullmatch(line) for line in text.splitlines())
+    return {str(yaml.safe_load(match[1])): match[2] for match in found if match is not None}
 
 
 def _lines(machine: SynthesizedMachine) -> Iterator[str]:

@@ -6,15 +6,16 @@ from __future__ import annotations
 import argparse
 
 from flexbt_common.pictures import machine_as_dot, machine_as_mermaid
+from flexbt_core.synthesis.machines import reasons
 from flexbt_tools.behaviors import UsedTrees, graph_of, used_trees
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
 
-from .behavior_arguments import add_parameters, add_tree_files, built
+from .behavior_arguments import add_parameters, add_tree_files, built, machine_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     picture_output.add_arguments(parser)
     parser.add_argument('--no-trees', action='store_true', help='only the state machine')
@@ -30,7 +31,9 @@ def run(options: argparse.Namespace) -> ExitCode:
     used = UsedTrees()
     if not options.no_trees:
         used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
-    graph = graph_of(behavior.machine, used, expand=options.expand, ports=options.ports)
+    file = machine_file(options)
+    why = {} if file is None else reasons(file.read_text(encoding='utf-8-sig'))
+    graph = graph_of(behavior.machine, used, expand=options.expand, ports=options.ports, reasons=why)
     picture_output.write(
         options, lambda: machine_as_dot(graph, behavior.name), lambda: machine_as_mermaid(graph, behavior.name)
     )

@@ -18,7 +18,7 @@ from .behavior_arguments import add_parameters, add_tree_files, built, parameter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     add_tree_files(parser)
     arguments.add_node_types(parser, allow_unknown=False)

@@ -14,7 +14,7 @@ from .behavior_arguments import add_parameters, built
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     arguments.add_json(parser)
 

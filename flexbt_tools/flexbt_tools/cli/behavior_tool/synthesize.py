@@ -29,6 +29,7 @@ from flexbt_core.synthesis.machines import (
 )
 from flexbt_onboard.behaviors import state_modules
 from flexbt_tools.cli import arguments
+from flexbt_tools.counterexamples import course_diagram, draw_diagram
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.synthesis import (
     StateInterfaces,
@@ -83,6 +84,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=_FORMS,
         default=_FORMS[0],
         help='yaml; python: a behavior; flexbe: the fields of StateInstantiation[] as JSON (default: %(default)s)',
+    )
+    result.add_argument(
+        '--draw',
+        metavar='FILE',
+        help='where there is none: draw how the world prevents it, as a sequence diagram, SVG or (.mmd) Mermaid',
     )
     result.add_argument('--certificate', metavar='FILE', help='write the strategy there, as JSON, with what proves it')
     result.add_argument('--specification', action='store_true', help='print the formulas (structuredslugs) and end')
@@ -179,6 +185,8 @@ def _text(form: str, machine: SynthesizedMachine, interfaces: StateInterfaces) -
 
 
 def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
+    if options.draw:
+        draw_diagram(options.draw, course_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation))
     if options.json:
         print(json.dumps({'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}))
         return ExitCode.NEGATIVE
