@@ -61,7 +61,9 @@ class _Recording:
         system = report.make()
         self._send(names.EXECUTIVE_STRUCTURE, shown.structure(system))
         if isinstance(system, TreeSystem):
-            self._send(names.TREE_STRUCTURE, tree_structure(system.tree, shown.run_id, 1, '', Time(nanoseconds=self._now)))
+            self._send(
+                names.TREE_STRUCTURE, tree_structure(system.tree, shown.run_id, 1, '', Time(nanoseconds=self._now))
+            )
         self._say(shown, f'the way to: {found.violation.text}', ExecutiveLog.HINT)
         self._picture(shown, system, 0)
         for number, moment in enumerate(walk(report.make, found.moves), start=1):
