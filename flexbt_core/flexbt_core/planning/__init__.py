@@ -9,13 +9,15 @@
         file.write_text(tree_xml(found))
 
 ``model`` has what is planned with, ``search`` finds plans, ``policy`` and ``compaction`` make branches of them,
-``coverage`` tries these, ``tree_xml`` writes them; ``measurement`` finds out where a robot begins.
+``coverage`` tries these, ``tree_xml`` writes them. ``teams`` has the same for several robots,
+``measurement`` finds out where a robot begins.
 """
 
 from .btpg import read_scene
 from .compaction import Group, Rule, chosen, compact
 from .coverage import Coverage, Disturbance, explore
 from .goal import conditions, parse_goal
+from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, failed_action
 from .measurement import Measurement
 from .mission import Mission, read_mission
 from .model import Action, Condition, Domain, PlanningError
@@ -25,7 +27,8 @@ from .problem import Leaf, Problem
 from .reachability import Reachability
 from .search import Outcome, Progress, SearchResult, Step, search
 from .skill_problem import sensor_leaf, skill_problem
-from .tree_xml import COUNT_ENTRY, FAILURE_ENTRY, failed_action, tree_xml
+from .teams import Task, Team, TeamBranch, TeamPlan, TeamPolicy, plan_team, team_problem, team_xml
+from .tree_xml import tree_xml
 
 __all__ = [
     'COUNT_ENTRY',
@@ -50,6 +53,11 @@ __all__ = [
     'Rule',
     'SearchResult',
     'Step',
+    'Task',
+    'Team',
+    'TeamBranch',
+    'TeamPlan',
+    'TeamPolicy',
     'chosen',
     'compact',
     'conditions',
@@ -57,10 +65,13 @@ __all__ = [
     'failed_action',
     'parse_goal',
     'plan',
+    'plan_team',
     'read_mission',
     'read_scene',
     'search',
     'sensor_leaf',
     'skill_problem',
+    'team_problem',
+    'team_xml',
     'tree_xml',
 ]

@@ -10,7 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from .coverage import fault
+from .model import PlanningError
 from .policy import Branch, Policy
 
 _NODES_OF_GROUP = 2
@@ -34,9 +37,44 @@ class Group:
     members: tuple[Rule | Group, ...]
 
 
-def compact(policy: Policy) -> tuple[Rule | Group, ...]:
-    """The branches of a policy, in their order, with what they have in common before them."""
-    return _grouped(policy.branches)
+def compact(branches: Sequence[Branch]) -> tuple[Rule | Group, ...]:
+    """Branches in their order, with what they have in common before them."""
+    found: list[Rule | Group] = []
+    place = 0
+    while place < len(branches):
+        common, end = _best_group(branches, place)
+        if end == place + 1:
+            found.append(Rule(*branches[place]))
+        else:
+            inner = [branch._replace(condition=branch.condition & ~common) for branch in branches[place:end]]
+            found.append(Group(common, compact(inner)))
+        place = end
+    return tuple(found)
+
+
+class CompactPolicy:
+    """The branches of a policy, compacted, as they are tried.
+
+    Raises:
+        PlanningError: on a state in which they choose something else. That is a fault of the planner.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self.domain: Final = policy.domain
+        self.members: Final = compact(policy.branches)
+
+    def is_reached(self, state: int) -> bool:
+        """Whether one of the goals holds."""
+        return self._policy.is_reached(state)
+
+    def actions(self, state: int) -> tuple[int, ...]:
+        """The action of the branch that holds; nothing where none does."""
+        branch = self._policy.choose(state)
+        action = chosen(self.members, state)
+        if action != (None if branch is None else branch.action):
+            raise PlanningError(fault(self.domain, state, 'its compacted tree chooses something else'))
+        return () if action is None else (action,)
 
 
 def chosen(members: Sequence[Rule | Group], state: int) -> int | None:
@@ -50,20 +88,6 @@ def chosen(members: Sequence[Rule | Group], state: int) -> int | None:
         if action is not None:
             return action
     return None
-
-
-def _grouped(branches: Sequence[Branch]) -> tuple[Rule | Group, ...]:
-    found: list[Rule | Group] = []
-    place = 0
-    while place < len(branches):
-        common, end = _best_group(branches, place)
-        if end == place + 1:
-            found.append(Rule(*branches[place]))
-        else:
-            inner = [branch._replace(condition=branch.condition & ~common) for branch in branches[place:end]]
-            found.append(Group(common, _grouped(inner)))
-        place = end
-    return tuple(found)
 
 
 def _best_group(branches: Sequence[Branch], start: int) -> tuple[int, int]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether a tree reaches its goal, whatever of what is expected happens: each state that may come is tried.
+"""Whether trees reach their goal, whatever of what is expected happens: each state that may come is tried.
 
-From the initial state the tree acts, and before each of its actions (and at the goal) something may disturb it, up to a
-number of times. In each state that may come so the tree has to reach the goal, in an action at most for each branch,
-without coming to a state twice, and to choose what the planner chose.
+From the initial state a tree acts (or those of several robots do, each of whose actions may end first), and before the
+end of each action (and at the goal) something may disturb it, up to a number of times. In each state that may come so
+the goal has to be reached, without coming to a state twice.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Protocol
 
-from .compaction import Group, Rule, chosen
-from .model import Domain, PlanningError
-from .policy import Policy
+from .model import Action, Domain, PlanningError
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +25,12 @@ class Disturbance:
     needs: int
     adds: int
     deletes: int
+
+    @classmethod
+    def of(cls, domain: Domain, action: Action) -> Disturbance:
+        """Of an action that others do."""
+        deletes = domain.state(action.deletes - action.adds)
+        return cls(action.name, domain.state(action.needs), domain.state(action.adds), deletes)
 
     def result(self, state: int) -> int | None:
         """The state after it; None where it changes nothing."""
@@ -53,37 +57,52 @@ class Coverage:
 MOST_STATES: Final = 20_000
 
 
+class Chooser(Protocol):
+    """What is tried: which actions run in a state, any of which may end first."""
+
+    @property
+    def domain(self) -> Domain:
+        """The actions."""
+
+    def is_reached(self, state: int) -> bool:
+        """Whether one of the goals holds."""
+
+    def actions(self, state: int) -> tuple[int, ...]:
+        """What runs in a state; nothing where no branch holds."""
+
+
 def explore(
-    policy: Policy,
-    members: Sequence[Rule | Group],
+    chooser: Chooser,
     initial: int,
     disturbances: Sequence[Disturbance],
     times: int,
     deadline: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Coverage:
-    """Tries a tree from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
+    """Tries trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
 
     Raises:
-        PlanningError: the tree does not do what the planner promised. That is a fault of the planner.
+        PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
     """
     coverage = Coverage(times)
     seen: dict[int, tuple[int, int, str] | None] = {initial: None}
     left = {initial: times}
     todo = deque([initial])
-    lengths: dict[int, int] = {}
+    runs = _Runs(chooser)
     while todo:
         if len(seen) > MOST_STATES or clock() >= deadline:
             coverage.complete = False
             break
         state = todo.popleft()
         coverage.states += 1
-        action = None if policy.is_reached(state) else _action(policy, members, state)
-        nexts: list[tuple[int, int, str]] = []
-        if action is not None:
-            coverage.longest = max(coverage.longest, _run(policy, members, state, lengths))
-            nexts.append((policy.domain.result(state, action), left[state], policy.domain.actions[action].name))
-        elif not policy.is_reached(state):
+        actions = runs.actions(state)
+        nexts = [
+            (chooser.domain.result(state, action), left[state], chooser.domain.actions[action].name)
+            for action in actions
+        ]
+        if actions:
+            coverage.longest = max(coverage.longest, runs.longest(state))
+        elif not chooser.is_reached(state):
             coverage.uncovered[state] = _way(seen, state)
         if left[state]:
             for disturbance in disturbances:
@@ -98,30 +117,40 @@ def explore(
     return coverage
 
 
-def _action(policy: Policy, members: Sequence[Rule | Group], state: int) -> int | None:
-    branch = policy.choose(state)
-    action = chosen(members, state)
-    if action != (None if branch is None else branch.action):
-        raise PlanningError(_fault(policy.domain, state, 'its compacted tree chooses something else than its branches'))
-    return action
+class _Runs:
+    """The ways from states to the goal when nothing disturbs them."""
 
+    def __init__(self, chooser: Chooser) -> None:
+        self._chooser = chooser
+        self._actions: dict[int, tuple[int, ...]] = {}
+        self._lengths: dict[int, int] = {}
 
-def _run(policy: Policy, members: Sequence[Rule | Group], state: int, lengths: dict[int, int]) -> int:
-    """The number of actions to the goal. Raises PlanningError when the tree does not come there."""
-    way: list[int] = []
-    seen: set[int] = set()
-    while state not in lengths and not policy.is_reached(state):
-        action = _action(policy, members, state)
-        if action is None or state in seen or policy.domain.needs[action] & ~state:
-            raise PlanningError(_fault(policy.domain, state, 'its tree does not lead from here to the goal'))
-        way.append(state)
-        seen.add(state)
-        state = policy.domain.result(state, action)
-    length = lengths.get(state, 0)
-    for passed in reversed(way):
-        length += 1
-        lengths[passed] = length
-    return length
+    def actions(self, state: int) -> tuple[int, ...]:
+        if state not in self._actions:
+            self._actions[state] = () if self._chooser.is_reached(state) else self._chooser.actions(state)
+        return self._actions[state]
+
+    def longest(self, state: int) -> int:
+        """The number of actions to the goal at most. Raises PlanningError when the goal is not always reached."""
+        domain = self._chooser.domain
+        begun: set[int] = set()
+        todo = [state]
+        while todo:
+            at = todo[-1]
+            actions = self.actions(at)
+            afters = [domain.result(at, action) for action in actions]
+            missing = [after for after in afters if after not in self._lengths]
+            lost = not actions and not self._chooser.is_reached(at)
+            if lost or begun.intersection(missing) or any(domain.needs[action] & ~at for action in actions):
+                raise PlanningError(fault(domain, at, 'its tree does not lead from here to the goal'))
+            if missing:
+                begun.add(at)
+                todo += missing
+                continue
+            todo.pop()
+            begun.discard(at)
+            self._lengths[at] = max((1 + self._lengths[after] for after in afters), default=0)
+        return self._lengths[state]
 
 
 def _way(seen: dict[int, tuple[int, int, str] | None], state: int) -> tuple[str, ...]:
@@ -133,6 +162,7 @@ def _way(seen: dict[int, tuple[int, int, str] | None], state: int) -> tuple[str,
     return tuple(reversed(way))
 
 
-def _fault(domain: Domain, state: int, what: str) -> str:
+def fault(domain: Domain, state: int, what: str) -> str:
+    """What a planner says of itself."""
     literals = ', '.join(sorted(domain.condition(state)))
     return f'the planner is at fault, please report it: {what}. State: {literals:.2000}'

@@ -6,6 +6,7 @@ start: [at(office), cup_at(kitchen)]    # what is not named does not hold
 goal: cup_at(office) & not holding
 disturbances:                           # each: what somebody else may bring about
   - [not open(door)]
+robots: {red: [GoTo, Grasp], blue: [GoTo]}    # where there are several: what each can do
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ from .model import PlanningError
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """What a file says. ``goal`` is '' where it says none; ``lines`` has the line of each entry."""
+    """What a file says. ``goal`` is '' where it says none. ``robots`` are those of several, each with its skills.
+    ``lines`` has the line of each entry."""
 
     skills: tuple[str, ...] = ()
     start: tuple[str, ...] = ()
     goal: str = ''
     disturbances: tuple[tuple[str, ...], ...] = ()
+    robots: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     lines: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -40,7 +43,7 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
     """
     parts = YamlParts(source)
     entries = parts.mapping(parts.root(text), 'a mission')
-    parts.refuse_others(entries, ('skills', 'start', 'goal', 'disturbances'), 'a mission')
+    parts.refuse_others(entries, ('skills', 'start', 'goal', 'disturbances', 'robots'), 'a mission')
 
     def literals(node: yaml.Node, what: str) -> tuple[str, ...]:
         for one in parts.sequence(node, what):
@@ -51,11 +54,15 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
         return tuple(parts.names(node, f'what {what} lists'))
 
     disturbances = parts.sequence(entries['disturbances'], 'disturbances') if 'disturbances' in entries else []
+    robots = parts.mapping(entries.get('robots'), 'robots')
+    if 'robots' in entries and not robots:
+        parts.problem(entries['robots'], 'robots has to name one, with its skills; or leave it out')
     mission = Mission(
         tuple(parts.names(entries['skills'], 'skills')) if 'skills' in entries else (),
         literals(entries['start'], 'start') if 'start' in entries else (),
         parts.name(entries['goal'], 'the goal') if 'goal' in entries else '',
         tuple(literals(one, 'a disturbance') for one in disturbances),
+        {name: tuple(parts.names(node, f'robot {name:.80}')) for name, node in robots.items()},
         {name: line_of(node) for name, node in entries.items()},
     )
     if parts.problems:

@@ -70,7 +70,7 @@ class Domain:
 
     def _mask(self, literals: Iterable[str]) -> int:
         mask = 0
-        for literal in literals:
+        for literal in sorted(literals):  # so that a problem has the same plan in each run
             index = self._index.setdefault(literal, len(self.literals))
             if index == len(self.literals):
                 self.literals.append(literal)

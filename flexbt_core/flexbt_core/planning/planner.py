@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from .compaction import Group, Rule, compact
+from .compaction import CompactPolicy, Group, Rule
 from .coverage import Coverage, Disturbance, explore
 from .model import Action, Domain, bits
 from .policy import Policy
@@ -17,7 +17,7 @@ from .problem import Problem
 from .reachability import Reachability
 from .search import Outcome, Progress, SearchResult, Step, search
 
-_GOAL: Final = 'any of the goals'
+GOAL: Final = 'any of the goals'
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,20 +62,20 @@ def plan(
     """
     began = clock()
     deadline = began + time_limit
-    domain, goal, goals = _compiled(problem)
+    domain, goal, goals = compiled(problem)
     initial = domain.state(problem.initial)
     reachability = Reachability(domain, initial)
     found = search(reachability, goal, time_limit=deadline - clock(), report=report, clock=clock)
     if found.start is None:
-        reason = _why_not(reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
+        reason = why_not(reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
         return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
     policy = _policy(domain, goal, goals, found)
-    disturbances = [_disturbance(domain, one) for one in problem.disturbances]
+    disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
     expanded = found.expanded
     hopeless: dict[int, tuple[str, ...]] = {}
     while True:
-        members = compact(policy)
-        coverage = explore(policy, members, initial, disturbances, disturbed, deadline, clock)
+        tried = CompactPolicy(policy)
+        coverage = explore(tried, initial, disturbances, disturbed, deadline, clock)
         missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
         if not missing or clock() >= deadline:
             break
@@ -96,15 +96,15 @@ def plan(
         expanded,
         clock() - began,
         found.cost,
-        tuple(name for name in named if not name.startswith(_GOAL)),
+        tuple(name for name in named if not name.startswith(GOAL)),
         policy=policy,
-        members=members,
+        members=tried.members,
         coverage=coverage,
         hopeless=tuple(hopeless.values()),
     )
 
 
-def _compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
+def compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
     """The domain, what the search looks for, and the goals. Of several goals an action without cost makes each the
     one that is looked for."""
     known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
@@ -113,14 +113,14 @@ def _compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
         goal = domain.mask(problem.goal[0])
         return domain, goal, (goal,)
     reached = [
-        Action(f'{_GOAL} {number}', condition, frozenset({_GOAL}), frozenset(), 0.0)
+        Action(f'{GOAL} {number}', condition, frozenset({GOAL}), frozenset(), 0.0)
         for number, condition in enumerate(problem.goal, 1)
     ]
     checked = Domain(problem.actions, known)
     for condition in problem.goal:
         checked.mask(condition)
     domain = Domain([*problem.actions, *reached], known)
-    return domain, domain.mask({_GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
+    return domain, domain.mask({GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
 
 
 def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult) -> Policy:
@@ -128,16 +128,8 @@ def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResu
     return Policy(domain, goals, {one: step for one, step in found.steps.items() if one != goal} | ends)
 
 
-def _disturbance(domain: Domain, action: Action) -> Disturbance:
-    return Disturbance(
-        action.name,
-        domain.state(action.needs),
-        domain.state(action.adds),
-        domain.state(action.deletes - action.adds),
-    )
-
-
-def _why_not(reachability: Reachability, goals: Iterable[int]) -> str:
+def why_not(reachability: Reachability, goals: Iterable[int]) -> str:
+    """Why none of the goals can be reached."""
     return '; '.join(dict.fromkeys(_why_not_one(reachability, goal) for goal in goals))
 
 

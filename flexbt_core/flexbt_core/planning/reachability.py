@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import defaultdict
+from collections.abc import Iterable
 from typing import Final
 
 from .exclusion import Exclusions
@@ -25,16 +26,18 @@ class Reachability:
     make it true. ``landmarks[p]``: bit set, p and what is there from the start included. ``weights[p]``: what p costs
     at least; the weights of what one action adds are together at most its cost, so the weights of any landmarks may be
     added up. ``before[a]``: the landmarks of what action a needs, ``before_weights[a]``: their weights together.
+
+    ``without`` are numbers of actions that are not to be used.
     """
 
-    def __init__(self, domain: Domain, initial: int) -> None:
+    def __init__(self, domain: Domain, initial: int, without: Iterable[int] = ()) -> None:
         self.domain: Final = domain
         self.initial: Final = initial
         self.exclusions: Final = Exclusions(domain, initial)
         count = len(domain.literals)
         self.costs: Final = [math.inf] * count
         self.needed: Final = [math.inf] * len(domain.actions)
-        self._spread()
+        self._spread(without)
         self.achievers: Final[dict[int, list[int]]] = defaultdict(list)
         for action, needed in enumerate(self.needed):
             if needed < math.inf:
@@ -74,10 +77,12 @@ class Reachability:
         """What it costs at least to pass these landmarks."""
         return sum(weight * (landmarks & mask).bit_count() for weight, mask in self._by_weight)
 
-    def _spread(self) -> None:
+    def _spread(self, without: Iterable[int]) -> None:
         domain, costs = self.domain, self.costs
         users: dict[int, list[int]] = defaultdict(list)
         missing = [needs.bit_count() for needs in domain.needs]
+        for action in without:
+            missing[action] += 1
         queue: list[tuple[float, int]] = []
 
         def run(action: int, needed: float) -> None:
@@ -93,7 +98,7 @@ class Reachability:
         for action, needs in enumerate(domain.needs):
             for literal in bits(needs):
                 users[literal].append(action)
-            if not needs:
+            if not missing[action]:
                 run(action, 0.0)
         heapq.heapify(queue)
         while queue:

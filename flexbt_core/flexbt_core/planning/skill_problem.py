@@ -43,6 +43,13 @@ def skill_problem(
     Raises:
         PlanningError, SkillError: a text is no literal, or speaks of what the library does not know.
     """
+    return grounded_problem(library, start, goal, disturbances)[0]
+
+
+def grounded_problem(
+    library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
+) -> tuple[Problem, tuple[GroundAction, ...]]:
+    """As :func:`skill_problem`, with the skills and objects of its actions."""
     alternatives = [[parse_literal(text) for text in one] for one in parse_goal(goal)]
     initial = [parse_literal(text) for text in start]
     disturbing = [_disturbance([parse_literal(text) for text in one]) for one in disturbances]
@@ -58,7 +65,7 @@ def skill_problem(
     leaves = {action.name: _action_leaf(library.skills[action.skill], action) for action in actions}
     texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | grounded.goal
     leaves |= {text: leaf for text in texts if (leaf := sensor_leaf(library, parse_literal(text))) is not None}
-    return Problem(
+    problem = Problem(
         tuple(map(_action, actions)),
         grounded.start,
         # What nothing changes and holds is no goal any more.
@@ -66,6 +73,7 @@ def skill_problem(
         tuple(map(_action, others)),
         leaves,
     )
+    return problem, tuple(actions)
 
 
 def _disturbance(effects: list[Literal]) -> Skill:

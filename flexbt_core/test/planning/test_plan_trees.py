@@ -3,32 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from planning_support import World, action, led_by
 
-from flexbt_core.behavior_tree import (
-    Condition,
-    NodeStatus,
-    StatefulAction,
-    Tree,
-    TreeLibrary,
-    builtin_registry,
-    input_port,
-    load_xml,
-)
-from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.planning import FAILURE_ENTRY, Action, Leaf, Plan, PlanningError, Problem, plan, tree_xml
-
-
-def action(name: str, needs: str, adds: str, deletes: str, cost: float = 1.0) -> Action:
-    return Action(name, frozenset(needs.split()), frozenset(adds.split()), frozenset(deletes.split()), cost)
-
+from flexbt_core.behavior_tree import NodeStatus
+from flexbt_core.planning import Action, Leaf, Plan, PlanningError, Problem, plan, tree_xml
 
 ERRAND = (
     action('to_kitchen', 'at_hall open', 'at_kitchen', 'at_hall', 15),
@@ -46,68 +30,9 @@ DISTURBANCES = (
 )
 
 
-@dataclass
-class World:
-    """Carries out actions: they take one tick, and then have their effects unless ``fails`` says otherwise."""
-
-    problem: Problem
-    true: set[str]
-    fails: Callable[[str], bool] = lambda name: False
-    idle: Callable[[str], bool] = lambda name: False
-    done: list[str] = field(default_factory=list)
-    started: list[str] = field(default_factory=list)
-    reason: object = None
-
-    def run(self, xml: str, before: Callable[[int], None] = lambda tick: None, most: int = 500) -> NodeStatus:
-        world = self
-        actions = {one.name: one for one in self.problem.actions}
-
-        class Holds(Condition):
-            ports = {'literal': input_port(STRING)}
-
-            def tick(self) -> NodeStatus:
-                return NodeStatus.SUCCESS if self.get_input('literal') in world.true else NodeStatus.FAILURE
-
-        class Do(StatefulAction):
-            ports = {'action': input_port(STRING)}
-
-            def on_start(self) -> NodeStatus:
-                name = self.get_input('action')
-                world.started.append(name)
-                assert actions[name].needs <= world.true, f'{name} without what it needs'
-                return NodeStatus.RUNNING
-
-            def on_running(self) -> NodeStatus:
-                name = self.get_input('action')
-                if world.fails(name):
-                    return NodeStatus.FAILURE
-                if not world.idle(name):
-                    world.true = (world.true - actions[name].deletes) | actions[name].adds
-                world.done.append(name)
-                return NodeStatus.SUCCESS
-
-            def on_halted(self) -> None:
-                pass
-
-        registry = builtin_registry()
-        registry.register('Holds', Holds)
-        registry.register('Do', Do)
-        tree = Tree(TreeLibrary().stage([load_xml(xml, 'plan.xml', registry)]), 'Plan')
-        for number in range(most):
-            before(number)
-            status = tree.tick_once()
-            if status is not NodeStatus.RUNNING:
-                self.reason = tree.blackboard.get(FAILURE_ENTRY)
-                return status
-        raise AssertionError(f'the tree still runs; done: {self.done[-20:]}')
-
-
 def errand(start: str = 'at_hall open cup_kitchen', goal: str = 'cup_hall', attempts: int = 2) -> Problem:
-    literals = {literal for one in (*ERRAND, *DISTURBANCES) for literal in one.needs | one.adds | one.deletes}
-    leaves = {literal: Leaf('Holds', {'literal': literal}) for literal in literals}
-    leaves |= {one.name: Leaf('Do', {'action': one.name}, attempts=attempts) for one in ERRAND}
     goals = tuple(frozenset(part.split()) for part in goal.split('|'))
-    return Problem(ERRAND, frozenset(start.split()), goals, DISTURBANCES, leaves)
+    return led_by(Problem(ERRAND, frozenset(start.split()), goals, DISTURBANCES), attempts)
 
 
 def planned(problem: Problem, disturbed: int = 1) -> tuple[Plan, str]:

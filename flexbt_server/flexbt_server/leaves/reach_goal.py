@@ -233,6 +233,8 @@ def _read(host: LeafServices, file: str, goal: str) -> _Goal:
     """Raises PlanningError, SkillError, ResourceError, TreeLoadError."""
     store = host.trees
     mission = read_mission(store.read_text(file), file)
+    if mission.robots:
+        raise PlanningError(f'{file} is for several robots; let bt_tool plan write its trees, and run those')
     library = node_skills(store.registry, host.tell_once)
     for name in mission.skills:
         beside = name if name.startswith('/') else posixpath.normpath(posixpath.join(posixpath.dirname(file), name))

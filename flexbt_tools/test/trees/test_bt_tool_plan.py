@@ -13,8 +13,8 @@ import pytest
 from flexbt_testing.behavior_trees.bt_tool import tool
 
 PAGE = (Path(__file__).parents[3] / 'docs' / 'how_to' / 'goals.md').read_text(encoding='utf-8')
-SKILLS, MISSION = re.findall(r'^```yaml\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
-SUMMARY = re.findall(r'^\$ bt_tool plan .*\n((?:.+\n)+)```$', PAGE, re.MULTILINE)[0]
+SKILLS, MISSION, TEAM_SKILLS, TEAM = re.findall(r'^```yaml\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
+SUMMARY, TEAM_SUMMARY = re.findall(r'^\$ bt_tool plan .*\n((?:.+\n)+)```$', PAGE, re.MULTILINE)
 
 
 @pytest.fixture
@@ -43,6 +43,43 @@ def test_the_call_of_the_page(
     exec(compile(code, 'goals.md', 'exec'), {})  # noqa: S102 it is of this repository
     assert capsys.readouterr().out.startswith("61.0 ('GoTo(office, hall)', ")
     assert tool('check', 'cup.xml', '--allow-unknown').code == 0
+
+
+@pytest.fixture
+def team(tmp_path: Path) -> Path:
+    (tmp_path / 'team_skills.yaml').write_text(TEAM_SKILLS)
+    file = tmp_path / 'team.yaml'
+    file.write_text(TEAM)
+    return file
+
+
+def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
+    tree = tmp_path / 'team.xml'
+    done = tool('plan', str(team), '-o', str(tree))
+    assert (done.code, done.out) == (0, '')
+    assert re.sub(r' \(\d+ conditions, .* s\)', '', done.err).startswith(TEAM_SUMMARY.removesuffix('...\n'))
+    assert tool('check', str(tree), '--allow-unknown').code == 0
+    told = json.loads(tool('plan', str(team), '--json', '--disturbed', '0').out)
+    assert (told['duration'], told['cost'], told['alone']) == (50.0, 80.0, {'red': 80.0, 'blue': 80.0})
+    assert told['tasks'][0] == {'robot': 'red', 'action': 'GoTo(red, office, hall)', 'begins': 0.0, 'ends': 10.0}
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'right', 'message'),
+    [
+        ('red: [GoTo,', 'red: [GoT,', "team.yaml:2:1: robots: red: there is no skill 'GoT'; did you mean 'GoTo'?"),
+        (' {red', ' #{red', 'team.yaml:2:1: robots has to be a mapping'),
+        ('red: [GoTo, PickUp, PutDown], blue: [GoTo, PickUp, PutDown]', '', 'team.yaml:2:1: robots has to name one'),
+        ('red: [GoTo, PickUp, PutDown]', 'red: GoTo', "team.yaml:2:1: robot red has to be a list, not 'GoTo'"),
+        ('red: [', "'r d': [", "team.yaml:2:1: robots: 'r d' cannot name a robot"),
+        ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is neither"),
+    ],
+)
+def test_what_is_wrong_with_a_team_is_told(team: Path, wrong: str, right: str, message: str) -> None:
+    team.write_text(TEAM.replace(wrong, right, 1))
+    done = tool('plan', str(team))
+    assert done.code == 3, done.err
+    assert message in done.err
 
 
 def test_json_has_all_of_it(mission: Path) -> None:

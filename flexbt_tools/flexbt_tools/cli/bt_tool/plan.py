@@ -6,11 +6,10 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
-import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from flexbt_core.behavior_tree import LoadError
 from flexbt_core.planning import (
@@ -19,12 +18,17 @@ from flexbt_core.planning import (
     PlanningError,
     Problem,
     Progress,
+    Team,
+    TeamPlan,
     conditions,
     parse_goal,
     plan,
+    plan_team,
     read_mission,
     read_scene,
     skill_problem,
+    team_problem,
+    team_xml,
     tree_xml,
 )
 from flexbt_core.skills import SkillError
@@ -32,6 +36,8 @@ from flexbt_core.values import lines, one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.text_files import read_text, write_text
+
+from .plan_text import plan_document, plan_summary
 
 _MOST_BYTES: Final = 100_000_000
 _MISSION_BYTES: Final = 1_000_000
@@ -46,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'mission',
         metavar='FILE',
-        help='mission (YAML: skills, start, goal, disturbances), or scene of BTPG (JSON; its actions beside it)',
+        help='mission (YAML: skills, start, goal, disturbances; robots), or scene of BTPG (JSON, beside its actions)',
     )
     parser.add_argument('--goal', metavar='GOAL', help="instead of the file's: '(on(cup, table) | held) & !open(door)'")
     parser.add_argument(
@@ -81,31 +87,33 @@ def _number(text: str) -> int:
 
 def run(options: argparse.Namespace) -> ExitCode:
     problem = _problem(options)
+    report = None if options.quiet else _show_progress
+    found: Plan | TeamPlan
+    text: str | None = None
     try:
-        found = plan(
-            problem,
-            time_limit=options.time_limit,
-            disturbed=options.disturbed,
-            report=None if options.quiet else _show_progress,
-        )
-        text = tree_xml(found, options.name) if found.policy is not None else None
+        if isinstance(problem, Team):
+            found = plan_team(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
+            text = team_xml(found, options.name) if found.policy is not None else None
+        else:
+            found = plan(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
+            text = tree_xml(found, options.name) if found.policy is not None else None
     except PlanningError as error:
         raise _refused(options.mission, {}, error) from error
     if options.output is not None and text is not None:
         write_text(options.output, text)
     if options.json:
-        print(json.dumps(_document(found, text)))
+        print(json.dumps(plan_document(found, text)))
     elif text is not None and options.output is None:
         print(text, end='')
     if not options.quiet and not options.json:
-        for line in _summary(found):
+        for line in plan_summary(found):
             print(*lines(line), sep='\n', file=sys.stderr)
     if found.coverage is not None and not found.coverage.complete:
         return ExitCode.UNFINISHED
     return _EXIT_CODES[found.outcome]
 
 
-def _problem(options: argparse.Namespace) -> Problem:
+def _problem(options: argparse.Namespace) -> Problem | Team:
     if options.mission.endswith('.json'):
         return _scene(options)
     try:
@@ -120,6 +128,8 @@ def _problem(options: argparse.Namespace) -> Problem:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
     start = mission.start if options.start is None else options.start
     try:
+        if mission.robots:
+            return team_problem(library, start, goal, mission.robots, mission.disturbances)
         return skill_problem(library, start, goal, mission.disturbances)
     except (PlanningError, SkillError) as error:
         raise _refused(options.mission, mission.lines, error) from error
@@ -166,48 +176,3 @@ def _show_progress(progress: Progress) -> None:
         ),
         file=sys.stderr,
     )
-
-
-def _summary(found: Plan) -> list[str]:
-    spent = f'{found.expanded} conditions, {found.seconds:.2f} s'
-    if found.policy is None or found.coverage is None:
-        if found.outcome is Outcome.TIME_LIMIT:
-            return [f'no plan within the time limit; none costs less than {found.bound:g} ({spent})']
-        return [f'there is no plan: {found.reason} ({spent})']
-    coverage = found.coverage
-    times = f'{coverage.disturbed} disturbance{"" if coverage.disturbed == 1 else "s"}'
-    optimal = (
-        'the least' if found.outcome is Outcome.SOLVED else f'not proved to be the least, {found.bound:g} at least'
-    )
-    shown = [
-        f'cost {found.cost:g} ({optimal}), {len(found.actions)} actions: {", ".join(found.actions) or "none"}',
-        f'{len(found.policy.branches)} branches; tried in {coverage.states} states '
-        f'({"all" if coverage.complete else "not all"} that may come with {times}): '
-        f'the goal is {coverage.longest} actions away at most ({spent})',
-    ]
-    shown += [f'no way to the goal after: {", ".join(way)}' for way in found.hopeless]
-    return shown
-
-
-def _document(found: Plan, text: str | None) -> dict[str, Any]:
-    coverage = found.coverage
-    return {
-        'outcome': found.outcome.value,
-        'cost': found.cost,
-        'bound': None if found.bound == math.inf else found.bound,
-        'actions': found.actions,
-        'reason': found.reason,
-        'branches': 0 if found.policy is None else len(found.policy.branches),
-        'expanded': found.expanded,
-        'seconds': found.seconds,
-        'coverage': None
-        if coverage is None
-        else {
-            'disturbances': coverage.disturbed,
-            'states': coverage.states,
-            'complete': coverage.complete,
-            'longest': coverage.longest,
-        },
-        'hopeless': found.hopeless,
-        'tree': text,
-    }

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The elements of which trees of plans are made: conditions, actions with their attempts, and how a tree gives up."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+from xml.etree import ElementTree
+
+from .model import Domain, PlanningError, bits
+from .problem import Leaf, Problem
+
+FAILURE_ENTRY: Final = 'plan_failure'
+"""The entry of the blackboard that says why a tree gave up."""
+
+COUNT_ENTRY: Final = 'plan_actions'
+"""The entry of the blackboard with the number of actions that succeeded."""
+
+_NAME: Final = re.compile(r'[^\W\d][\w-]*')
+"""Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
+_BUILTIN: Final = ('ScriptCondition', 'Script')
+
+
+def failed_action(problem: Problem, reason: str) -> str | None:
+    """The action because of which a tree gave up for this reason; None when it was none."""
+    names = (action.name for action in problem.actions)
+    return next((name for name in names if _failure(name, problem.leaf(name)) == reason), None)
+
+
+class LeafWriter:
+    """Writes the leaves of a problem, and keeps which node types there are."""
+
+    def __init__(self, problem: Problem, domain: Domain) -> None:
+        self._problem = problem
+        self._domain = domain
+        self._types: dict[tuple[str, str], set[str]] = {}
+
+    def document(self, main: str, trees: Iterable[ElementTree.Element]) -> str:
+        """The XML of trees, with the node types as Groot2 wants to know them."""
+        root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=main)
+        root.extend(trees)
+        models = add(root, 'TreeNodesModel')
+        for (kind, type), ports in sorted(self._types.items()):
+            model = add(models, kind, ID=type)
+            for port in sorted(ports):
+                add(model, 'input_port', name=port)
+        ElementTree.indent(root)
+        return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding='unicode') + '\n'
+
+    def goal(self, parent: ElementTree.Element, goals: Sequence[int]) -> None:
+        """Whether one of the goals holds."""
+        if len(goals) > 1:
+            parent = add(parent, 'ReactiveFallback', name='one of the goals')
+        for goal in goals:
+            self.conditions(add(parent, 'ReactiveSequence', name='the goal'), goal)
+
+    def conditions(self, parent: ElementTree.Element, condition: int) -> None:
+        """A leaf for each literal of a condition."""
+        for literal in bits(condition):
+            text = self._domain.literals[literal]
+            leaf = self._problem.leaf(text)
+            self._leaf(add(parent, 'Inverter') if leaf.inverted else parent, 'Condition', text, leaf)
+
+    def action(self, parent: ElementTree.Element, number: int, done: str = '', failed: str = '', **more: str) -> None:
+        """An action with its attempts. ``done`` and ``failed`` are scripts for its end; ``more`` are attributes."""
+        name = self._domain.actions[number].name
+        leaf = self._problem.leaf(name)
+        retry = add(
+            parent,
+            'RetryUntilSuccessful',
+            num_attempts=str(leaf.attempts),
+            _onSuccess=f"{COUNT_ENTRY} := {COUNT_ENTRY} + 1; {FAILURE_ENTRY} := ''{done}",
+            _onFailure=f"{FAILURE_ENTRY} := '{_failure(name, leaf)}'{failed}",
+            **more,
+        )
+        if leaf.deadline is not None:
+            retry = add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
+        self._leaf(retry, 'Action', name, leaf)
+
+    def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
+        for word in (leaf.type, *leaf.ports):
+            if not _NAME.fullmatch(word):
+                raise PlanningError(
+                    f'{name}: {word!r:.80} cannot be a type or port of a leaf; call it by letters, digits, _ and -'
+                )
+        if leaf.type not in _BUILTIN:
+            self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
+        add(parent, leaf.type, **{'name': name, **leaf.ports})
+
+
+def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    """A new child."""
+    return ElementTree.SubElement(parent, tag, attributes)
+
+
+def actions_left(parent: ElementTree.Element, most: int) -> None:
+    """Gives up when so many actions have succeeded."""
+    allowed = add(parent, 'ReactiveFallback', name='actions are left')
+    add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
+    give_up(allowed, f'the goal was not reached by {most} actions')
+
+
+def give_up(parent: ElementTree.Element, reason: str) -> None:
+    """A last branch: it keeps the reason that an action has left."""
+    code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? '{reason}' : {FAILURE_ENTRY}"
+    add(add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
+
+
+def quoted(text: str) -> str:
+    """A text within the quotes of a script."""
+    return text.replace("'", '’').replace('\\', '/')
+
+
+def _failure(name: str, leaf: Leaf) -> str:
+    return f'{quoted(name)} failed {_times(leaf.attempts)}'
+
+
+def _times(number: int) -> str:
+    return 'once' if number == 1 else f'{number} times'
