@@ -40,7 +40,7 @@ from flexbt_testing.waiting import wait_until
 
 RUNNING, SUCCESS, FAILURE = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE
 GUIDE = Path(__file__).parents[2] / 'docs' / 'how_to' / 'goals.md'
-SKILLS, MISSION = re.findall(r'```yaml\n(.*?)```', GUIDE.read_text(), re.S)
+SKILLS, MISSION, _, _ = re.findall(r'```yaml\n(.*?)```', GUIDE.read_text(), re.S)
 FORESEEN = MISSION
 UNFORESEEN = MISSION.split('disturbances:')[0]
 DEADLINE = 30.0
