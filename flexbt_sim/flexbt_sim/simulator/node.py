@@ -37,6 +37,7 @@ from .map_server import MapServer
 from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
 from .prefilled import PrefilledMessage, stamp_fields
 from .robot_topics import Commands, Message, RobotTopics
+from .scene import Scene
 from .time_services import TimeServices
 
 CLOCK_PERIOD: Final = 0.05
@@ -111,6 +112,7 @@ class Simulator:
             self._connect_robot(robot, self.parameters.namespace_of(robot.name))
         self._doors = DoorServices(self)
         self._doors.update()
+        self._scene = Scene(self.runtime, self.parameters.map_frame)
         EntityServices(self)
         TimeServices(self)
         FaultService(self)
@@ -122,7 +124,9 @@ class Simulator:
 
     def _connect_robot(self, robot: Robot, namespace: str) -> None:
         """Make the topics of a robot that has come."""
-        topics = RobotTopics(self.runtime, robot, namespace, self.parameters, Commands(self._drive, self._initial_pose))
+        topics = RobotTopics(
+            self.runtime, robot, namespace, self.parameters, Commands(self._drive, self._initial_pose, self._grip)
+        )
         self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
         self._token.add_name(self._stands_in_for(namespace))
         self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
@@ -247,6 +251,10 @@ class Simulator:
         until = now + robot.model.drive.watchdog
         self.pacer.command_received(robot.name, now, until, is_stopping=linear == angular == 0.0)
 
+    def _grip(self, robot: Robot, close: bool) -> str:
+        with self.lock:
+            return self.world.grip(robot.name) if close else self.world.release(robot.name)
+
     def _initial_pose(self, robot: Robot, pose: Pose) -> None:
         with self.lock:
             if self.parameters.initialpose_moves:
@@ -309,6 +317,8 @@ class Simulator:
             self._tell_faults()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
+            if self._steps % per_clock == 0:
+                self._scene.tell(self.world, Time(sec=stamp[0], nanosec=stamp[1]))
             for topics in self._robots.values():
                 moves = self._steps % (self._steps_per_odom if topics.is_busy else self._steps_per_rest) == 0
                 if moves or topics.has_news:

@@ -21,6 +21,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, LaserScan
 from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -59,10 +60,12 @@ Message = tuple[str, Any, Any]
 @dataclass(frozen=True)
 class Commands:
     """What a robot is told: ``drive(robot, linear, angular)`` in m/s and rad/s, ``place(robot, pose)`` for an initial
-    pose, which raises SimulationError for one that cannot be."""
+    pose, ``grip(robot, close)``, which gives the name of what was picked up or put down; the last two raise
+    SimulationError where that cannot be."""
 
     drive: Callable[[Robot, float, float], None]
     place: Callable[[Robot, Pose], None]
+    grip: Callable[[Robot, bool], str]
 
 
 class RobotTopics:
@@ -82,6 +85,7 @@ class RobotTopics:
         self._loss = generator(parameters.seed, robot.name, 'messages')
         self._told_at: Pose | None = None
         self._told_contact: bool | None = None
+        self._told_holds: str | None = None
         self._told_faults: tuple[ServerFault, ...] | None = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
@@ -100,6 +104,10 @@ class RobotTopics:
         self._scan = self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data) if model.lidar else None
         self._battery = self._publisher(BatteryState, names.BATTERY_STATE, 10) if model.battery else None
         self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
+        self._holds = self._publisher(String, names.GRIPPER_HOLDS, names.latched()) if model.gripper else None
+        if model.gripper:
+            service = node.create_service(SetBool, f'{self.namespace}{names.GRIPPER}', self._on_gripper)
+            self._entities.append((node.destroy_service, service))
         self._server_faults = self._publisher(String, names.SERVER_FAULTS, names.latched())
         self._describe()
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
@@ -157,6 +165,14 @@ class RobotTopics:
             self._complain(f'{names.INITIAL_POSE} refused, the robot stays: {error}')
             return
         self._told_at = None
+
+    def _on_gripper(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        try:
+            response.message = self._commands.grip(self.robot, bool(request.data))
+            response.success = True
+        except SimulationError as error:
+            response.message = str(error)
+        return response
 
     def _complain(self, text: str) -> None:
         name = f'{self.robot.name}: ' if self.namespace else ''
@@ -228,6 +244,7 @@ class RobotTopics:
         return (
             (robot.scan is not None and robot.scan.time > self._scan_time)
             or (self._bumper is not None and robot.in_contact != self._told_contact)
+            or (self._holds is not None and robot.holds != self._told_holds)
             or bool(self._late)
         )
 
@@ -276,6 +293,9 @@ class RobotTopics:
         if self._bumper is not None and robot.in_contact != self._told_contact:
             self._told_contact = robot.in_contact
             yield names.BUMPER, self._bumper, Bool(data=robot.in_contact)
+        if self._holds is not None and robot.holds != self._told_holds:
+            self._told_holds = robot.holds
+            yield names.GRIPPER_HOLDS, self._holds, String(data=robot.holds)
         if scan is not None and scan.time > self._scan_time and self.listens_to_scans:
             self._scan_time = scan.time
             self._scan_bytes.fill_array(scan.ranges)
@@ -309,7 +329,7 @@ class RobotTopics:
         """The world has begun anew, and so has its robot, which is of the same model."""
         self.robot = robot
         self._loss = generator(self._parameters.seed, robot.name, 'messages')
-        self._told_at = self._told_contact = self._told_faults = None
+        self._told_at = self._told_contact = self._told_holds = self._told_faults = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
         self._late.clear()

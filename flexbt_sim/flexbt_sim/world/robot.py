@@ -75,6 +75,8 @@ class Robot(Body):
         """How often it has entered a no-go zone."""
         self.contacts = 0
         """How often it has run into something."""
+        self.holds = ''
+        """What it has in its gripper, by its name; '' for nothing."""
         self.is_scanning = True
         self.scan: Scan | None = None
         self.next_scan = 0.0

@@ -21,6 +21,7 @@ from .descriptions import (
     DoorModel,
     Fault,
     FaultModel,
+    GripperModel,
     ObstacleModel,
     RobotModel,
     StationModel,
@@ -30,7 +31,7 @@ from .descriptions import (
     hint,
 )
 from .plane import Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
-from .robot import Robot
+from .robot import Robot, compose
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
 MAX_ENTITIES: Final = 10_000
@@ -92,6 +93,7 @@ class World:
         self._doors: dict[str, Door] = {}
         self._stations: dict[str, Station] = {}
         self._zones: dict[str, Zone] = {}
+        self._held: dict[str, Obstacle] = {}
         self._movers: list[Body] = []
         self._next_scan = 0.0
         self._space = Space(world)
@@ -147,6 +149,11 @@ class World:
     def doors(self) -> Mapping[str, Door]:
         """The doors by their names."""
         return MappingProxyType(self._doors)
+
+    @property
+    def held(self) -> Mapping[str, Obstacle]:
+        """What robots hold in their grippers, by the names of the robots. It is in nobody's way."""
+        return MappingProxyType(self._held)
 
     @property
     def stations(self) -> Mapping[str, Station]:
@@ -216,7 +223,8 @@ class World:
     def _order(self) -> None:
         """By their names, so that nothing depends on when they came."""
         self._next_scan = 0.0
-        self._movers = [one for _, one in sorted(self._entities.items()) if isinstance(one, Body)]
+        held = self._held.values()
+        self._movers = [one for _, one in sorted(self._entities.items()) if isinstance(one, Body) and one not in held]
 
     def remove(self, name: str) -> None:
         """Remove an entity and its faults.
@@ -225,8 +233,13 @@ class World:
             SimulationError: there is none of this name.
         """
         entity = self._entity(name)
-        if isinstance(entity, Body):
+        if isinstance(entity, Robot) and name in self._held:
+            self._let_go(name)
+        if isinstance(entity, Body) and entity in self._movers:
             self._space.remove(entity)
+        for robot in [robot for robot, one in self._held.items() if one is entity]:
+            del self._held[robot]
+            self._robots[robot].holds = ''
         del self._entities[name]
         del self._of_kind(entity)[name]
         self._faults = [one for one in self._faults if one.entity != name]
@@ -234,7 +247,7 @@ class World:
         self._order()
 
     def move(self, name: str, pose: Pose) -> None:
-        """Put a robot, an obstacle, a station or a zone somewhere, at rest.
+        """Put a robot, an obstacle, a station or a zone somewhere, at rest; what a robot holds is taken from it.
 
         Raises:
             SimulationError: there is none of this name, there is no room, or it is a door.
@@ -245,6 +258,8 @@ class World:
         check_pose(pose)
         if isinstance(entity, Robot | Obstacle):
             self._check(entity, pose)
+            for robot in [robot for robot, one in self._held.items() if one is entity]:
+                self._let_go(robot)
             entity.place(pose)
             self._space.changed()
         elif isinstance(entity, Station | Zone):
@@ -265,6 +280,58 @@ class World:
         others: Iterable[Body] = self._movers if is_robot else self._robots.values()
         self._space.check(body, pose, others, on_map=is_robot)
 
+    def grip(self, robot: str) -> str:
+        """Have a robot pick up the nearest obstacle that its gripper can take; its name.
+
+        Raises:
+            SimulationError: it has no gripper, holds something, or nothing is in its reach.
+        """
+        gripper, pose = self._gripper(robot), self._robots[robot].pose
+        if robot in self._held:
+            raise SimulationError(f'{robot} holds {self._held[robot].name}; open the gripper first')
+        resting = [one for one in self._obstacles.values() if not one.is_mobile and one not in self._held.values()]
+        near = [one for one in resting if one.pose.distance(pose) <= gripper.reach and one.radius <= gripper.opening]
+        if not near:
+            raise SimulationError(
+                f'nothing that the gripper of {robot} can take is within its reach of {gripper.reach:g} m'
+            )
+        thing = min(near, key=lambda one: (one.pose.distance(pose), one.name))
+        self._space.remove(thing)
+        self._held[robot] = thing
+        self._robots[robot].holds = thing.name
+        self._order()
+        return thing.name
+
+    def release(self, robot: str) -> str:
+        """Have a robot put down what it holds, straight ahead; its name.
+
+        Raises:
+            SimulationError: it has no gripper, holds nothing, or there is no room.
+        """
+        gripper = self._gripper(robot)
+        thing = self._held.get(robot)
+        if thing is None:
+            raise SimulationError(f'{robot} holds nothing')
+        pose = compose(self._robots[robot].pose, Pose(gripper.reach, 0.0, 0.0))
+        self._space.check(thing, pose, self._movers, on_map=True)
+        self._let_go(robot)
+        thing.place(pose)
+        self._space.changed()
+        return thing.name
+
+    def _gripper(self, robot: str) -> GripperModel:
+        one = self._entity(robot)
+        if not isinstance(one, Robot) or one.model.gripper is None:
+            raise SimulationError(f'{robot} has no gripper')
+        return one.model.gripper
+
+    def _let_go(self, robot: str) -> None:
+        """What a robot holds is in the world again, where the robot is."""
+        thing = self._held.pop(robot)
+        self._robots[robot].holds = ''
+        self._space.add(thing)
+        self._order()
+
     def reset(self) -> None:
         """All robots, obstacles and doors are as they were when they came, and so are the random numbers.
 
@@ -273,13 +340,16 @@ class World:
         Raises:
             SimulationError: a robot would be where something else has come since; nothing is changed.
         """
-        starts = [Body(one.name, one.start_shape, one.start) for one in self._movers]
+        bodies = (*self._movers, *self._held.values())
+        starts = [Body(one.name, one.start_shape, one.start) for one in bodies]
         for start in starts:
             if start.name in self._robots:
                 try:
                     self._space.check(start, start.pose, starts, on_map=False)
                 except SimulationError as error:
                     raise SimulationError(f'nothing was reset: at the start {error}; remove one of the two') from None
+        for robot in list(self._held):
+            self._let_go(robot)
         for entity in self._entities.values():
             if isinstance(entity, Robot | Obstacle | Door):
                 entity.reset()
@@ -379,6 +449,8 @@ class World:
         self._space.time = self.time
         for body in self._movers:
             body.tick(self._space, duration)
+        for robot, thing in self._held.items():
+            thing.pose = self._robots[robot].pose
         self._nanoseconds += nanoseconds
         if self._zones:
             self._find_zones()

@@ -104,8 +104,19 @@ class BatteryModel(Specification):
 
 
 @dataclass(frozen=True)
+class GripperModel(Specification):
+    """An arm with a gripper, which picks up obstacles that rest, and puts them down straight ahead."""
+
+    title: ClassVar[str] = 'gripper'
+
+    reach: float = key('how far from the middle of the robot it picks up and puts down', 0.6, unit='m', low=0.01,
+                       high=10.0)  # fmt: skip
+    opening: float = key('greatest radius of what it picks up', 0.1, unit='m', low=0.001, high=10.0)
+
+
+@dataclass(frozen=True)
 class RobotModel(Specification):
-    """A kind of robot. ``null`` leaves a lidar or a battery away."""
+    """A kind of robot. ``null`` leaves a lidar, a battery or a gripper away."""
 
     title: ClassVar[str] = 'robot'
 
@@ -117,6 +128,7 @@ class RobotModel(Specification):
     lidar: LidarModel | None = key('its lidar', LidarModel())
     bumper: bool = key('whether it feels contacts', False)
     battery: BatteryModel | None = key('its battery', None)
+    gripper: GripperModel | None = key('its gripper', None)
 
 
 BURGER: Final = RobotModel(

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What somebody who looks at the world would see of doors and things, as latched topics: news, when somebody listens.
+
+``simulator/doors`` (JointState) has the doors by name, position 0 (closed) to 1 (open); ``simulator/things``
+(TFMessage) the poses of the obstacles that nobody holds.
+"""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_sim.ros_messages import transform
+from flexbt_sim.world import Pose, World
+
+
+class Scene:
+    """Made on the executor thread; tells on the thread of the world."""
+
+    def __init__(self, runtime: NodeRuntime, frame: str) -> None:
+        """``frame`` is that of the map."""
+        self._frame = frame
+        self._doors = runtime.node.create_publisher(JointState, '~/doors', names.latched())
+        self._things = runtime.node.create_publisher(TFMessage, '~/things', names.latched())
+        self._told_doors: dict[str, float] | None = None
+        self._told_things: dict[str, Pose] | None = None
+
+    def tell(self, world: World, stamp: Time) -> None:
+        """Say what is not as it was said before."""
+        doors = {name: door.opening for name, door in world.doors.items()}
+        if doors != self._told_doors and self._doors.get_subscription_count():
+            self._told_doors = doors
+            message = JointState(name=list(doors), position=list(doors.values()))
+            message.header.stamp = stamp
+            self._doors.publish(message)
+        held = [one.name for one in world.held.values()]
+        things = {name: one.pose for name, one in world.obstacles.items() if name not in held}
+        if things != self._told_things and self._things.get_subscription_count():
+            self._told_things = things
+            transforms = [transform(self._frame, name, pose, stamp) for name, pose in things.items()]
+            self._things.publish(TFMessage(transforms=transforms))
