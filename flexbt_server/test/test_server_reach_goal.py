@@ -58,6 +58,8 @@ class World:
     broken: set[str] = field(default_factory=set)
     done: list[str] = field(default_factory=list)
     meanwhile: Callable[[World], None] = lambda world: None
+    informed: bool = True
+    """Whether the sensor of the cup has had its first message; until then it sees none."""
 
     def act(self, name: str, node: TreeNode) -> bool:
         self.meanwhile(self)
@@ -94,13 +96,17 @@ class Bench:
         self.registry.register('ReachGoal', ReachGoal)
         tests: dict[str, Callable[[TreeNode], bool]] = {
             'IsAt': lambda node: self.world.robot == node.get_input('place'),
-            'IsCupAt': lambda node: self.world.cup == node.get_input('place'),
+            'IsCupAt': lambda node: self.world.informed and self.world.cup == node.get_input('place'),
             'IsHoldingCup': lambda node: self.world.held,
             'IsDoorOpen': lambda node: self.world.open,
         }
         for name, test in tests.items():
             self._register(
-                name, Condition, ('place', 'door'), tick=lambda node, test=test: SUCCESS if test(node) else FAILURE
+                name,
+                Condition,
+                ('place', 'door'),
+                tick=lambda node, test=test: SUCCESS if test(node) else FAILURE,
+                is_informed=property(lambda node: self.world.informed or node.id != 'IsCupAt'),
             )
         for name in ('GoTo', 'GoThrough', 'OpenDoor', 'PickUpCup', 'PutDownCup'):
             self._register(
@@ -175,6 +181,24 @@ def test_the_goal_is_reached_from_where_the_robot_is(bench: Bench) -> None:
     assert str(board.get('way')).startswith('GoTo(office, hall), OpenDoor(kitchen_door, hall, kitchen), GoThrough(')
     assert 'plan_actions' not in board  # the entries of the plan are its own
     assert any(node.path == 'reach/GoTo(office, hall)' for node in tree.nodes)
+
+
+def test_a_sensor_that_has_had_no_message_is_waited_for(bench: Bench) -> None:
+    bench.world.informed = False
+    tree = bench.tree()
+    while 'reach/how the world is' not in [node.path for node in tree.nodes]:
+        tree.tick_once()
+    measuring = tree.nodes
+    for _ in range(3):
+        assert tree.tick_once() is RUNNING
+    assert tree.nodes == measuring and tree.next_wake == tree.context.clock.now() + 5.0
+    bench.world.informed = True
+    assert bench.run(tree) is SUCCESS and bench.world.cup == 'office'
+
+    bench.world = World(informed=False)
+    tree = bench.tree('sensor_timeout="0"')
+    assert bench.run(tree) is FAILURE
+    assert tree.failure is not None and 'there is no plan' in tree.failure.reason
 
 
 def shut(world: World) -> None:

@@ -61,7 +61,8 @@ class Measurement:
         asked = ElementTree.SubElement(tree, 'Sequence', name='how the world is')
         for number, (atom, leaf) in enumerate(self.leaves.items()):
             answered = ElementTree.SubElement(asked, 'ForceSuccess')
-            attributes = {'name': str(atom), **leaf.ports, '_onSuccess': f'{_entry(number)} := true'}
+            said = {'_onSuccess': f'{_entry(number)} := true', '_onFailure': f'{_entry(number)} := false'}
+            attributes = {'name': str(atom), **leaf.ports, **said}
             ElementTree.SubElement(answered, leaf.type, attributes)
         ElementTree.SubElement(asked, 'AlwaysSuccess')  # of no sensors
         return ElementTree.tostring(root, encoding='unicode')

@@ -21,18 +21,24 @@ class PoseLeaf(LeafNode):
     To be named before the base SyncAction or Condition.
     """
 
-    __slots__ = ()
+    __slots__ = ('_is_informed',)
 
     @abstractmethod
     def evaluate(self) -> NodeStatus:
         """The tick. May raise PortError and TransformError."""
 
+    @property
+    def is_informed(self) -> bool:
+        return self._is_informed
+
     def tick(self) -> NodeStatus:
+        self._is_informed = True
         try:
             return self.evaluate()
         except PortError as error:
             return self.fail(str(error))
         except TransformError as error:
+            self._is_informed = False
             return self.fail(f'no pose is known there: {error}')
 
     @property

@@ -7,7 +7,7 @@ import math
 import posixpath
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, TypeVar
 
@@ -21,12 +21,14 @@ from flexbt_core.behavior_tree import (
     NodeStatus,
     TreeLibrary,
     TreeLoadError,
+    TreeNode,
     UnfinishedWork,
     input_port,
     load_xml,
     node_skills,
     output_port,
 )
+from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import DOUBLE, STRING, UNSIGNED
 from flexbt_core.planning import (
     COUNT_ENTRY,
@@ -73,17 +75,18 @@ class _Goal:
 class ReachGoal(ExpandingAction):
     """Reaches the goal of a mission file: measures how the world is, plans the cheapest way, and carries it out.
 
-    First every predicate that matters is measured, once, by its sensor: a condition leaf, or a test of the blackboard.
-    What nothing measures is as the mission's ``start`` says. Then the plan is searched in a thread of its own, and its
-    reactive tree runs below this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard
-    around it. Where that tree gives up, the world is measured and planned for anew, without an action that has failed
-    as often as its manifest allows for.
+    First every predicate that matters is measured by its sensor: a condition leaf, or a test of the blackboard. One
+    that has had no message yet is asked again for ``sensor_timeout``; then it does not hold. What nothing measures is
+    as the mission's ``start`` says. Then the plan is searched in a thread of its own, and its reactive tree runs below
+    this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard around it. Where that
+    tree gives up, the world is measured and planned for anew, without an action that has failed as often as its
+    manifest allows for.
 
     SUCCESS when the goal holds. FAILURE with the reason when there is no way, and after the last of the ``attempts``.
     Halting ends the search, or the tree.
     """
 
-    __slots__ = ('_board', '_goal', '_left_out', '_next', '_thought', '_tried')
+    __slots__ = ('_board', '_goal', '_left_out', '_next', '_sensors_by', '_thought', '_tried')
 
     ports = {
         'mission': input_port(STRING, description='its file: package/relative/path, or where trees may be'),
@@ -92,6 +95,7 @@ class ReachGoal(ExpandingAction):
             DOUBLE, default='5.0', description='for each search, s; the best way until then counts'
         ),
         'attempts': input_port(UNSIGNED, default='3', description='how often it is planned at most'),
+        'sensor_timeout': input_port(DOUBLE, default='5.0', description='for the first message of each sensor, s'),
         'plan': output_port(STRING, description='the actions of the plan that runs, in their order'),
     }
     example = Example(
@@ -139,6 +143,7 @@ class ReachGoal(ExpandingAction):
         return self._measure()
 
     def _measure(self) -> NodeStatus:
+        self._sensors_by = self.clock.now() + float(self.get_input('sensor_timeout'))
         self._next = self._await_measured
         return self._expand(self._goal.measuring, _MEASURING)
 
@@ -146,6 +151,9 @@ class ReachGoal(ExpandingAction):
         status = self.tick_tree()
         if status is NodeStatus.RUNNING:
             return status
+        if self.clock.now() < self._sensors_by and not all(leaf.is_informed for leaf in _leaves(self)):
+            self.wake_at(self._sensors_by)  # a sensor that has its message wakes the tree, too
+            return NodeStatus.RUNNING
         goal, limit, left_out = self._goal, float(self.get_input('time_limit')), frozenset(self._left_out)
         start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
         return self._think(lambda clock: _search(self.host, goal, start, left_out, limit, clock), self._carry_out)
@@ -227,6 +235,14 @@ class _Thought(Generic[T]):
             self._unfinished.done()
         else:
             self._node.wake()
+
+
+def _leaves(above: TreeNode) -> Iterator[LeafNode]:
+    """The leaves of what is below a node."""
+    for node in above.attached:
+        if isinstance(node, LeafNode):
+            yield node
+        yield from _leaves(node)
 
 
 def _read(host: LeafServices, file: str, goal: str) -> _Goal:

@@ -44,6 +44,10 @@ class TopicCondition(Condition):
         """Name of the topic, as the node resolves it."""
         return str(self.get_input_or('topic_name', '') or self.default_topic)
 
+    @property
+    def is_informed(self) -> bool:
+        return self._cache is not None and self._cache.latest is not None
+
     def tick(self) -> NodeStatus:
         if self._cache is None:
             services: LeafServices = self.services

@@ -48,6 +48,12 @@ class LeafNode(TreeNode):
         super().__init__(config)
         self._reason = ''
 
+    @property
+    def is_informed(self) -> bool:
+        """Whether the last tick knew what the leaf answers by. False: no message had come yet, and the result may be
+        another one in a moment."""
+        return True
+
     def acts(self) -> None:
         """What the leaf does elsewhere begins: a goal is sent. A monitor checks that it may."""
         monitor = self.context.monitor
