@@ -7,6 +7,7 @@ SEED ?= 0
 SECONDS ?= 300
 DEMO_3 = night_watch
 DEMO_4 = nav2_robot
+DEMO_5 = goals
 .PHONY: help setup demo test fuzz lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
@@ -23,7 +24,7 @@ help:  ## this text
 setup:  ## install what is missing, build what has changed
 	@tools/workspace.sh setup
 
-demo:  ## the demonstration: DEMO=1 (one tree), DEMO=2 (three trees under one HFSM), DEMO=3 (two robots on night watch), DEMO=4 (a robot of Nav2); scripted when not in a terminal
+demo:  ## the demonstration: DEMO=1 (one tree), DEMO=2 (three trees under one HFSM), DEMO=3 (two robots on night watch), DEMO=4 (a robot of Nav2), DEMO=5 (a robot that plans); scripted when not in a terminal
 	@tools/workspace.sh run $(or $(DEMO_$(DEMO)),demo)
 
 test:  ## lint and all tests

@@ -21,6 +21,7 @@ END_SECONDS = 2.0
 DEMO = 'flexbt_demo_behaviors/demo'
 NIGHT_WATCH = 'flexbt_demo_night_watch/night_watch'
 NAV2_ROBOT = 'flexbt_demo_nav2_robot/nav2_robot'
+GOALS = 'flexbt_demo_goals/goals'
 
 
 @pytest.fixture
@@ -76,6 +77,7 @@ def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
         (2, DEMO, ['--demo', '2'], DEMO_SECONDS),
         (3, NIGHT_WATCH, [], 3 * DEMO_SECONDS),  # twice as many processes
         (4, NAV2_ROBOT, [], 2 * DEMO_SECONDS),  # partly in real time
+        (5, GOALS, [], DEMO_SECONDS),
     ],
 )
 def test_a_demonstration_reaches_its_goals_and_takes_every_branch(

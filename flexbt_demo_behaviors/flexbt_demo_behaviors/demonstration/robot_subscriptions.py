@@ -41,11 +41,11 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
         track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
 
     def on_structure(message: TreeStructure) -> None:
-        track.add_tree(message.run_id, {node.uid: node.name for node in message.nodes})
+        track.add_tree(f'{message.run_id}/{message.number}', {node.uid: node.name for node in message.nodes})
 
     def on_tree_status(message: TreeStatus) -> None:
         begun = [change.uid for change in message.changes if change.status == TreeStatus.RUNNING]
-        track.add_begun(message.run_id, begun)
+        track.add_begun(f'{message.run_id}/{message.structure}', begun)
 
     def subscribe() -> None:
         node = runtime.node

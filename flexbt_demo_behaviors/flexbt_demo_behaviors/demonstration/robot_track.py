@@ -101,7 +101,7 @@ class RobotTrack:
         self.on_change()
 
     def add_tree(self, run: str, nodes: Mapping[int, str]) -> None:
-        """Take the names of the nodes, by their uids, of a tree that begins."""
+        """Take the names of the nodes, by their uids, of a tree that begins, or that has others now."""
         with self._lock:
             self._nodes[run] = nodes
         self.on_change()

@@ -205,6 +205,11 @@ class ScriptedOperator:
             raise DemoError(f'the behavior ended by {actual!r}, not by {outcome!r}')
         self._tell('sees', f'the behavior ended: {outcome}')
 
+    def wait_told(self, text: str) -> None:
+        """Wait until the log of the behavior has a line with this text."""
+        told = f'a line of the log with {text!r}'
+        self.wait(lambda _view: any(text in line.text for line in self._mirror.log()), told, ANSWER_TIMEOUT_S)
+
     # Commanding
 
     def start(self, behavior: str, autonomy: AutonomyLevel, **arguments: str) -> None:

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What others do in the flat while the robot works, by the services of the simulator; and what is seen of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from sensor_msgs.msg import JointState
+from simulation_interfaces.msg import EntityState, Result
+from simulation_interfaces.srv import GetEntityState, SetEntityState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_demo_behaviors.demonstration import DemoError, Pose, Simulation, Timeline
+from flexbt_demo_goals.leaves import room_at
+from flexbt_msgs.srv import SetFault
+
+DOOR: Final = 'kitchen_door'
+CUP: Final = 'cup'
+
+
+class Household:
+    """Shuts doors and moves cups. `on_change` is called, on another thread, when something is seen to have changed."""
+
+    def __init__(self, runtime: NodeRuntime, timeline: Timeline, on_change: Callable[[], None]) -> None:
+        self.door_is_open = False
+        """Whether the door of the kitchen is open all the way."""
+        self.held = ''
+        """What the robot holds; '' for nothing."""
+        self._simulation = Simulation(runtime, timeline)
+        self._timeline = timeline
+        self._on_change = on_change
+        runtime.call(lambda: self._subscribe(runtime))
+
+    def shut_door(self) -> None:
+        """Have somebody shut the door of the kitchen."""
+        response = self._simulation.call(SetBool, f'doors/{DOOR}', SetBool.Request(data=False))
+        if not response.success:
+            raise DemoError(f'{DOOR} was not shut: {response.message}')
+        self._timeline.tell('household', 'somebody shuts the door of the kitchen')
+
+    def jam_door(self, jammed: bool) -> None:
+        """Have the door jam, or mend it."""
+        request = SetFault.Request(entity=DOOR, fault='door_jammed', clear=not jammed)
+        response = self._simulation.call(SetFault, 'set_fault', request)
+        if not response.success:
+            raise DemoError(f'the door could not be jammed or mended: {response.message}')
+        self._timeline.tell('household', 'the door of the kitchen jams' if jammed else 'the door is mended')
+
+    def move_cup(self, x: float, y: float) -> None:
+        """Have somebody put the cup elsewhere, out of the gripper of the robot if need be."""
+        state = EntityState()
+        state.pose.position.x, state.pose.position.y = x, y
+        response = self._simulation.call(
+            SetEntityState, 'set_entity_state', SetEntityState.Request(entity=CUP, state=state)
+        )
+        if response.result.result != Result.RESULT_OK:
+            raise DemoError(f'the cup was not moved: {response.result.error_message}')
+        self._timeline.tell('household', f'somebody puts the cup to ({x:g}, {y:g}), in the {room_at(x, y)}')
+
+    def cup(self) -> Pose:
+        """Where the cup is."""
+        response = self._simulation.call(GetEntityState, 'get_entity_state', GetEntityState.Request(entity=CUP))
+        position = response.state.pose.position
+        return Pose(position.x, position.y, 0.0)
+
+    def _subscribe(self, runtime: NodeRuntime) -> None:
+        runtime.node.create_subscription(JointState, 'simulator/doors', self._hear_doors, names.latched())
+        runtime.node.create_subscription(String, names.GRIPPER_HOLDS, self._hear_holds, names.latched())
+
+    def _hear_doors(self, message: JointState) -> None:
+        self.door_is_open = message.position[message.name.index(DOOR)] >= 1.0
+        self._on_change()
+
+    def _hear_holds(self, message: String) -> None:
+        self.held = message.data
+        self._on_change()

@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves of the robot in the flat: what it can do, and what it can see."""
+
+from flexbt_core.behavior_tree import NodeRegistry
+
+from .conditions import IsAtTable, IsDoorOpen, IsHolding, IsInRoom, IsNear, IsThingIn
+from .driving import Approach, DriveToTable, EnterRoom, PassDoor
+from .handling import OpenDoor, PickUp, PutDown
+from .rooms import ROOMS, config_file, room_at, table_of
+
+__all__ = ['ROOMS', 'config_file', 'register', 'room_at', 'table_of']
+
+
+def register(registry: NodeRegistry) -> None:
+    """The entry point: makes the leaves known to the BT server."""
+    registry.register_classes([IsInRoom, IsAtTable, IsThingIn, IsNear, IsHolding, IsDoorOpen])
+    registry.register_classes([EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown, OpenDoor])

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the robot can do with things and doors. Each action ends when the sensors tell its effect."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+from std_srvs.srv import SetBool
+
+from flexbt_common import names
+from flexbt_core.behavior_tree import NodeStatus, input_port
+from flexbt_core.behavior_tree.model import STRING
+from flexbt_server.leaves import SERVICE_PORTS, LeafServices, ServiceLeaf, TopicCache
+
+from .scene import doors_cache, holds_cache, is_open, position_of, things_cache
+
+
+class _Switched(ServiceLeaf):
+    """Switches something by SetBool, and waits until what it brings about is told."""
+
+    __slots__ = ('_caches',)
+
+    service_type = SetBool
+    wanted: ClassVar[bool] = True
+
+    def make_request(self) -> Any:
+        self._caches = self.caches(self.host)
+        for cache in self._caches:
+            cache.on_message(self.context)
+        return SetBool.Request(data=self.wanted)
+
+    def on_response(self, response: Any) -> NodeStatus:
+        if not response.success:
+            return self.fail(response.message)
+        return NodeStatus.SUCCESS if self.is_done(*(cache.latest for cache in self._caches)) else NodeStatus.RUNNING
+
+    @abstractmethod
+    def caches(self, services: LeafServices) -> list[TopicCache]:
+        """The topics that tell it."""
+
+    @abstractmethod
+    def is_done(self, *messages: Any) -> bool:
+        """Whether it is so, by the last message of each topic, or None."""
+
+
+class PickUp(_Switched):
+    """Picks up the thing that is nearest to the gripper, and waits until it is held."""
+
+    __slots__ = ()
+
+    default_service = names.GRIPPER
+    ports = SERVICE_PORTS | {'thing': input_port(STRING, description='name of the thing')}
+
+    def caches(self, services: LeafServices) -> list[TopicCache]:
+        return [holds_cache(services)]
+
+    def is_done(self, *messages: Any) -> bool:
+        (holds,) = messages
+        return holds is not None and holds.data == self.get_input('thing')
+
+
+class PutDown(_Switched):
+    """Puts down what is in the gripper, and waits until it is seen."""
+
+    __slots__ = ()
+
+    default_service = names.GRIPPER
+    wanted = False
+    ports = PickUp.ports
+
+    def caches(self, services: LeafServices) -> list[TopicCache]:
+        return [holds_cache(services), things_cache(services)]
+
+    def is_done(self, *messages: Any) -> bool:
+        holds, things = messages
+        return holds is not None and not holds.data and position_of(things, str(self.get_input('thing'))) is not None
+
+
+class OpenDoor(_Switched):
+    """Has a door opened, and waits until it is."""
+
+    __slots__ = ()
+
+    ports = SERVICE_PORTS | {'door': input_port(STRING, description='name of the door')}
+
+    @property
+    def service_name(self) -> str:
+        return str(self.get_input_or('service_name', '') or f'simulator/doors/{self.get_input("door")}')
+
+    def caches(self, services: LeafServices) -> list[TopicCache]:
+        return [doors_cache(services)]
+
+    def is_done(self, *messages: Any) -> bool:
+        return is_open(messages[0], str(self.get_input('door')))

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parts of the demonstration: its world, its mission, its behavior, and its processes."""
+
+from pathlib import Path
+
+from flexbt_core.behavior_tree import load_xml, node_skills
+from flexbt_core.planning import plan, read_mission, skill_problem, tree_xml
+from flexbt_core.skills import read_skills
+from flexbt_core.state_machine import define
+from flexbt_demo_goals.behavior import ReachGoal
+from flexbt_demo_goals.demonstration import flat, robot_processes
+from flexbt_demo_goals.leaves import ROOMS, room_at
+from flexbt_onboard.behaviors import BehaviorLibrary
+from flexbt_server.node_types import node_registry
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def fail_on_broken(point: str, error: Exception) -> None:
+    raise AssertionError(f'{point}: {error}')
+
+
+def test_every_room_of_the_world_has_a_place_in_it_that_is_free() -> None:
+    world = flat()
+    assert set(world.places) == set(ROOMS)
+    for room, place in world.places.items():
+        assert room_at(place.x, place.y) == room
+        world.move('robot', place)  # refused in a wall, or at the cup
+    cup = world.obstacles['cup'].pose
+    assert room_at(cup.x, cup.y) == 'kitchen'
+
+
+def test_the_mission_is_planned_with_the_leaves_of_the_package() -> None:
+    registry = node_registry(fail_on_broken)
+    mission = read_mission((PACKAGE / 'missions' / 'cup.yaml').read_text(), 'cup.yaml')
+    library = node_skills(registry, lambda told: None)
+    for name in mission.skills:
+        library = read_skills((PACKAGE / 'missions' / name).read_text(), name, library)
+    start = [*mission.start, 'in_room(office)', 'at_table(office)', 'thing_in(cup, kitchen)']
+    found = plan(skill_problem(library, start, mission.goal, mission.disturbances))
+    assert found.actions == (
+        'EnterRoom(office, hall)',
+        'OpenDoor(kitchen_door, hall, kitchen)',
+        'PassDoor(kitchen_door, hall, kitchen)',
+        'Approach(cup, kitchen)',
+        'PickUp(cup, kitchen)',
+        'PassDoor(kitchen_door, kitchen, hall)',
+        'EnterRoom(hall, office)',
+        'DriveToTable(office)',
+        'PutDown(cup, office)',
+    )
+    assert load_xml(tree_xml(found), 'plan.xml', registry).main == 'Plan'
+    for file in (PACKAGE / 'trees').glob('*.xml'):
+        assert load_xml(file.read_bytes(), file.name, registry).main is not None
+
+
+def test_the_behavior_is_found_and_the_processes_are_installed() -> None:
+    entry = BehaviorLibrary.discover().find('Reach Goal')
+    assert (entry.error, entry.make) == ('', ReachGoal)
+    assert define(ReachGoal().create()).children['Reach'].transitions['failed'].state == 'Ask'
+    for process in robot_processes(10.0):
+        assert Path(process.command()[0]).is_file()
