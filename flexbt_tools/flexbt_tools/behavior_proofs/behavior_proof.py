@@ -25,7 +25,7 @@ from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
 from flexbt_tools.errors import UsageError
-from flexbt_tools.proofs import moves_of, prove_tree
+from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree
 from flexbt_tools.trees import OpenRegistry
 
 from .environment import state_models
@@ -59,8 +59,12 @@ def prove_behavior(
     seconds: float,
     configurations: int,
     on_progress: Callable[[str, Progress], None] | None = None,
+    kept: KeptProofs | None = None,
 ) -> BehaviorProof:
-    """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may."""
+    """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may.
+
+    Of the trees, what is in ``kept`` is not explored again.
+    """
     end = time.monotonic() + seconds
     trees: dict[TreeKey, Report] = {}
     ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
@@ -69,7 +73,7 @@ def prove_behavior(
             share = _SHARE_OF_TREES * (end - time.monotonic()) / (len(ahead) - number)
             limits = Limits(min(most, share), configurations)
             tell = _named(f'tree {key.id}', on_progress)
-            trees[key] = prove_tree(used.library, key, limits=limits, faults=bounds.faults, on_progress=tell)
+            trees[key] = prove_tree(used.library, key, limits=limits, faults=bounds.faults, on_progress=tell, kept=kept)
         ahead = [key for key, report in trees.items() if report.stopped_by]
     models = _models(used, trees)
     without = ', '.join(use.path for use in used.uses if use.runs_unknown)

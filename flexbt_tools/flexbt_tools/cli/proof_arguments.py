@@ -12,7 +12,7 @@ from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Rep
 from flexbt_core.values import one_line
 from flexbt_tools.counterexamples import draw_counterexamples, record_counterexamples
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.proofs import report_as_json, report_lines
+from flexbt_tools.proofs import KeptProofs, report_as_json, report_lines
 from flexbt_tools.text_files import write_text
 
 from . import arguments
@@ -27,7 +27,7 @@ def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``, ``options.draw``,
-    ``options.json``, ``options.quiet``."""
+    ``options.anew``, ``options.json``, ``options.quiet``."""
     parser.add_argument(
         '--seconds',
         metavar='S',
@@ -51,8 +51,14 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='draw what is wrong as sequence diagrams, SVG or (.mmd) Mermaid: FILE, FILE-2 ...',
     )
+    parser.add_argument('--anew', action='store_true', help='follow again what was followed to its end before')
     parser.add_argument('--quiet', action='store_true', help='no progress')
     arguments.add_json(parser)
+
+
+def kept(options: argparse.Namespace) -> KeptProofs | None:
+    """The proofs that need not be made again."""
+    return None if options.anew else KeptProofs()
 
 
 def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:

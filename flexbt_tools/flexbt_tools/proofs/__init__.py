@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Proofs about trees, and how any proof is told: what may happen is followed with the real engines."""
 
+from .kept_proofs import KeptProofs
 from .moves import moves_of
-from .proof_text import ProgressLine, report_as_json, report_lines
+from .proof_json import report_as_json
+from .proof_text import ProgressLine, report_lines
 from .saved_test import behavior_test, tree_test
 from .tree_proof import prove_tree, replay_tree
 
 __all__ = [
+    'KeptProofs',
     'ProgressLine',
     'behavior_test',
     'moves_of',

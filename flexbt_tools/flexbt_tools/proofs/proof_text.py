@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from flexbt_core.exploration import Counterexample, Progress, Property, Report
-
-from .moves import plain_moves
 
 _SHOWN: Final = 20
 _REMEDIES: Final = {
@@ -76,32 +74,3 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
         yield f'    remedy: {_REMEDIES[kind]}'
     yield f'    the shortest way to it ({len(found.moves)} steps):'
     yield from (f'      {line}' for line in found.lines)
-
-
-def report_as_json(report: Report) -> dict[str, Any]:
-    """A report for programs."""
-    return {
-        'name': report.name,
-        'bounds': report.bounds,
-        'complete': report.is_complete,
-        'stopped_by': report.stopped_by,
-        'configurations': report.configurations,
-        'steps': report.steps,
-        'depth': report.depth,
-        'seconds': round(report.seconds, 3),
-        'ends': dict(report.ends),
-        'covered': report.covered,
-        'coverable': report.coverable,
-        'never': list(report.uncovered),
-        'notes': list(report.notes),
-        'wrong': [
-            {
-                'property': found.violation.property.name,
-                'where': found.violation.where,
-                'text': found.violation.text,
-                'moves': plain_moves(found.moves),
-                'way': list(found.lines),
-            }
-            for found in report.counterexamples
-        ],
-    }

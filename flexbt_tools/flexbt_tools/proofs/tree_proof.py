@@ -13,6 +13,7 @@ from flexbt_server.node_types import node_registry
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, references
 
+from .kept_proofs import NOTE, KeptProofs, digest_of
 from .moves import moves_of
 
 GOALS: Final = ('goal', 'goals')
@@ -28,9 +29,10 @@ def prove_tree(
     limits: Limits | None = None,
     faults: int = 1,
     on_progress: Callable[[Progress], None] | None = None,
+    kept: KeptProofs | None = None,
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
-    servers may be gone for good.
+    servers may be gone for good. What is in ``kept`` is not explored again.
 
     A leaf whose type is not installed gives any result, and a note says so.
 
@@ -47,11 +49,17 @@ def prove_tree(
     taken = make().given
     bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
-    report = explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
-    if not unknown:
-        return report
-    note = f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
-    return replace(report, notes=(*report.notes, note))
+    digest = '' if kept is None else digest_of(library, key, [*keys, str(faults)])
+    known = None if kept is None else kept.get(digest)
+    report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
+    if kept is not None and known is None and report.is_complete:
+        kept.keep(digest, report)
+    notes = [] if known is None else [NOTE]
+    if unknown:
+        notes.append(
+            f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
+        )
+    return replace(report, notes=(*report.notes, *notes))
 
 
 def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:

@@ -18,6 +18,11 @@ from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
 
 
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
+
+
 def behavior(*words: str) -> tuple[int, str, str]:
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -135,3 +140,25 @@ def test_wrong_usage(tmp_path: Path, words: list[str]) -> None:
     tree = tmp_path / 'main.xml'
     tree.write_text(document('Main: <AlwaysSuccess/>'))
     assert tool('prove', str(tree), *words).code == 2
+
+
+def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
+    tree = tmp_path / 'main.xml'
+    tree.write_text(document('Main: <Parallel success_count="2"><Spin/><BackUp/></Parallel>'))
+
+    def proved(*words: str) -> tuple[bool, dict[str, object]]:
+        (proof,) = json.loads(tool('prove', str(tree), '--json', *words).out)['proofs']
+        is_kept = any('found before' in note for note in proof['notes'])
+        return is_kept, {name: value for name, value in proof.items() if name not in ('notes', 'seconds')}
+
+    was_kept, first = proved()
+    assert not was_kept and first['wrong']
+    assert proved() == (True, first)
+    assert proved('--anew') == (False, first)
+    assert not proved('--faults', '0')[0] and not proved('--given', 'path')[0]
+    for file in (tmp_path / 'cache' / 'flexbt' / 'proofs').iterdir():
+        file.write_text('{"name": ')
+    assert proved() == (False, first)
+    tree.write_text(document('Main: <Sequence><Spin/><BackUp/></Sequence>'))
+    was_kept, mended = proved()
+    assert not was_kept and not mended['wrong']

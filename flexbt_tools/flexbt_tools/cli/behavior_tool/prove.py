@@ -62,6 +62,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             seconds=options.seconds,
             configurations=options.situations,
             on_progress=progress.tell,
+            kept=proof_arguments.kept(options),
         )
     except RestoreError as error:
         raise UsageError(f'{behavior.name}: {error}') from error

@@ -39,6 +39,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 given=options.given,
                 limits=limits,
                 faults=options.faults,
+                kept=proof_arguments.kept(options),
                 on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
             )
         except TreeLoadError as error:
