@@ -12,7 +12,7 @@ import inspect
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
-from flexbt_core.exploration import Report, leaf_model
+from flexbt_core.exploration import Report, System, leaf_model
 
 from .proof_json import report_as_json, report_of
 
@@ -38,10 +38,11 @@ class KeptProofs:
         cached = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
         self._folder = folder or Path(cached) / 'flexbt' / 'proofs'
 
-    def get(self, digest: str) -> Report | None:
-        """The proof of this digest; None when there is none, or none that can be read."""
+    def get(self, digest: str, make: Callable[[], System]) -> Report | None:
+        """The proof of this digest, about what ``make`` makes; None when there is none, or none that can be read."""
         try:
-            return report_of(json.loads((self._folder / f'{digest}.json').read_text(encoding='utf-8')))
+            plain = json.loads((self._folder / f'{digest}.json').read_text(encoding='utf-8'))
+            return report_of(plain, make)
         except (OSError, ValueError, KeyError, TypeError):
             return None
 

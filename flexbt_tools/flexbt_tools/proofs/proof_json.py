@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from flexbt_core.exploration import Counterexample, Property, Report, Violation
+from flexbt_core.exploration import Counterexample, Property, Report, System, Violation
 
 from .moves import moves_of, plain_moves
 
@@ -39,8 +40,11 @@ def report_as_json(report: Report) -> dict[str, Any]:
     }
 
 
-def report_of(plain: dict[str, Any]) -> Report:
-    """The report of which this is the JSON. Raises KeyError, TypeError or ValueError when it is of none."""
+def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
+    """The report of which this is the JSON, about what ``make`` makes.
+
+    Raises KeyError, TypeError or ValueError when it is of none.
+    """
     return Report(
         name=plain['name'],
         bounds=plain['bounds'],
@@ -63,4 +67,5 @@ def report_of(plain: dict[str, Any]) -> Report:
         covered=plain['covered'],
         coverable=plain['coverable'],
         uncovered=tuple(plain['never']),
+        make=make,
     )

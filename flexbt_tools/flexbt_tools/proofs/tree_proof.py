@@ -50,7 +50,7 @@ def prove_tree(
     bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
     digest = '' if kept is None else digest_of(library, key, [*keys, str(faults)])
-    known = None if kept is None else kept.get(digest)
+    known = None if kept is None else kept.get(digest, make)
     report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
     if kept is not None and known is None and report.is_complete:
         kept.keep(digest, report)
