@@ -116,6 +116,7 @@ class _Capabilities:
             'preconditions': sorted(map(word, self._grounding.conditions(skill, binding))),
             'postconditions': {name: sorted(map(word, after)) for name, after in effects.items() if after},
             'autonomy': {name: one.autonomy for name, one in skill.outcomes.items() if one.autonomy is not None},
+            'resources': list(skill.resources),
         }
         return {key: value for key, value in entry.items() if value}
 

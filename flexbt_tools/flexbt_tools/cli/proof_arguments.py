@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
 from flexbt_core.values import one_line
-from flexbt_tools.counterexamples import draw_counterexamples, record_counterexamples
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.proofs import KeptProofs, report_as_json, report_lines
 from flexbt_tools.text_files import write_text
@@ -76,6 +75,8 @@ def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
 
 
 def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
+    from flexbt_tools.counterexamples import draw_counterexamples, record_counterexamples  # rarely needed
+
     if options.draw is not None:
         files = draw_counterexamples(options.draw, reports)
         print(f'drawn in {", ".join(files)}', file=sys.stderr)

@@ -66,7 +66,7 @@ class Specification:
     ``live`` are pairs of an activation and an outcome (formulas; the outcome about the next step): whenever the first
     holds again and again in the same state, the second follows at some time (strong fairness of transitions).
     ``last_resort`` says of a move that it gives up: it is made only where ``hopes`` cannot be met again and again any
-    more, even with luck.
+    more, even with luck. ``idle`` are outputs that are not set without need.
     """
 
     variables: Mapping[str, Variable]
@@ -74,6 +74,7 @@ class Specification:
     live: tuple[tuple[Formula, Formula], ...] = ()
     last_resort: Formula | None = None
     hopes: tuple[Formula, ...] = ()
+    idle: frozenset[str] = frozenset()
 
     @property
     def ranges(self) -> Ranges:

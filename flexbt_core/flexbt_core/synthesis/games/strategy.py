@@ -146,7 +146,8 @@ class _Extraction:
                 and of.has({Name(name.name, True): there[name] for name in game.outputs}, choices)
             ):
                 return number
-        wanted = {Name(name.name, True): state[name] for name in game.outputs}
+        idle = game.specification.idle
+        wanted = {Name(name.name, True): 0 if name.name in idle else state[name] for name in game.outputs}
         outputs = of.nearest(game.outputs_next, choices, wanted)
         return self._number({**now, **{Name(name.name): value for name, value in outputs.items()}}, goal)
 

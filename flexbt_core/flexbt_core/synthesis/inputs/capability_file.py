@@ -20,6 +20,7 @@ DEFAULT_OUTCOMES: Final = ('completed', 'failure')
 DEFAULT_AUTONOMY: Final = 1
 """The level of an outcome for which none is given (low)."""
 
+_TIMEOUT: Final = 'timeout'
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
 _MAPPING_KEYS: Final = ('sm_outcome_mappings', 'state_outcome_mappings', 'transition_outcomes')
 _FILE_KEYS: Final = ('name', 'variable_mappings', 'memory', 'capabilities', *_MAPPING_KEYS)
@@ -32,6 +33,8 @@ _CAPABILITY_KEYS: Final = (
     'autonomy',
     'userdata_in',
     'userdata_out',
+    'resources',
+    'deadline',
 )
 
 
@@ -54,7 +57,10 @@ class Mappings:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a state class can do. Conditions are as they are written; those by outcome have normalized outcomes."""
+    """What a state class can do. Conditions are as they are written; those by outcome have normalized outcomes.
+
+    ``resources`` are what it has for itself while it is active; None, when nothing is said of it: then everything.
+    """
 
     name: str
     interface: str
@@ -67,6 +73,7 @@ class Capability:
     default_autonomy: int = DEFAULT_AUTONOMY
     userdata_in: Mapping[str, str] = field(default_factory=dict)
     userdata_out: Mapping[str, str] = field(default_factory=dict)
+    resources: frozenset[str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +178,7 @@ def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str,
         name,
         file.word(entries['interface'], f'interface of {what}') if 'interface' in entries else '',
         line_of(node),
-        {key: file.value(one, f'parameter {key} of {what}') for key, one in parameters.items()},
+        _parameters(file, what, parameters, entries.get('deadline')),
         file.words(entries.get('preconditions'), f'preconditions of {what}'),
         _by_outcome(file, entries.get('postconditions'), f'postconditions of {what}', outcomes),
         _by_outcome(file, entries.get('transition_relation'), f'transition_relation of {what}', outcomes),
@@ -179,7 +186,33 @@ def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str,
         default,
         _userdata(file, entries.get('userdata_in'), f'userdata_in of {what}'),
         _userdata(file, entries.get('userdata_out'), f'userdata_out of {what}'),
+        _resources(file, entries['resources'], what) if 'resources' in entries else None,
     )
+
+
+def _parameters(
+    file: YamlFile, what: str, given: Mapping[str, yaml.Node], deadline: yaml.Node | None
+) -> dict[str, Any]:
+    """The parameters of the state; a deadline is that which states call ``timeout``."""
+    parameters = {key: file.value(one, f'parameter {key} of {what}') for key, one in given.items()}
+    if deadline is None:
+        return parameters
+    seconds = file.value(deadline, f'deadline of {what}')
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds < 1e9:
+        file.problem(deadline, f'deadline of {what} has to be a number of seconds above 0, not {seconds!r:.40}')
+    elif _TIMEOUT in parameters:
+        file.problem(deadline, f'{what} has a deadline and the parameter {_TIMEOUT}: write one of them')
+    else:
+        parameters[_TIMEOUT] = float(seconds)
+    return parameters
+
+
+def _resources(file: YamlFile, node: yaml.Node, what: str) -> frozenset[str]:
+    named = file.words(node, f'resources of {what}')
+    for one in named:
+        if not _NAME.fullmatch(one.text):
+            file.note(one.line, f"resources of {what}: '{one.text:.80}' is no name: letters, digits and _")
+    return frozenset(one.text for one in named)
 
 
 def _by_outcome(

@@ -3,7 +3,8 @@
 
 The formulas are those of flexbe_synthesis: exactly one capability or outcome of the machine is active in each step;
 an active capability answers in the next step; pre- and postconditions are about the memory. What is added by choice:
-limits on retries, fairness of outcomes, and that a machine gives up only when nothing else is left.
+limits on retries, fairness of outcomes, that a machine gives up only when nothing else is left, and that capabilities
+may be active at once whose resources are known.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from flexbt_core.synthesis.games import Formula, FormulaError, Line, Section, Sp
 from flexbt_core.values import hint
 
 from .capability_file import Capability, CapabilityFile, Mappings
+from .concurrency import concurrent_pairs
 from .interface import Interface, Interfaces
 from .request import FAILURE_OUTCOMES, Request
 from .specification_file import SpecificationFile
@@ -157,6 +159,7 @@ class Translation:
             tuple((self._formula(a), self._formula(o)) for a, o in live),
             parsed[0] if last_resort else None,
             tuple(parsed[len(last_resort) :]),
+            self._idle(),
         )
         return Problem(
             specification,
@@ -169,6 +172,11 @@ class Translation:
             self._options,
             tuple(self._notes),
         )
+
+    def _idle(self) -> frozenset[str]:
+        """The activations of what may be concurrent: what is not needed stays inactive."""
+        pairs = () if self._options.parsed else concurrent_pairs(self._file, self._interfaces)
+        return frozenset(f'{name}_a' for pair in pairs for name in pair)
 
     # -- names -------------------------------------------------------------------------------------------------------
 
@@ -375,7 +383,7 @@ class Translation:
         self._frames()
 
     def _capabilities(self) -> None:
-        self._rule = 'exactly one capability, or outcome of the machine, is active'
+        self._rule = 'one capability, or outcome of the machine, is active, or several that may be concurrent'
         words, add = self._vocabulary, self._add
         for name, outcomes in words.outcomes.items():
             active = words.active(name)
@@ -398,8 +406,10 @@ class Translation:
             return
         choices = sorted([*(f"{one}_a'" for one in words.outcomes), *(f"{end}'" for end in ends)])
         add(Section.SYS_TRANS, f'({" | ".join(choices)})')
+        together = {(f"{one}_a'", f"{other}_a'") for one, other in concurrent_pairs(self._file, self._interfaces)}
         for one, other in combinations(choices, 2):
-            add(Section.SYS_TRANS, f'!({one} & {other})')
+            if (one, other) not in together:
+                add(Section.SYS_TRANS, f'!({one} & {other})')
 
     def _conditions(self) -> None:
         to_failed: list[str] = []
