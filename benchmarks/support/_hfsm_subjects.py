@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from flexbt_core.clock import SteadyClock
+from flexbt_core.monitors import MachineMonitor, Violation, declared_resources
 from flexbt_core.state_machine import (
     Autonomy,
     Decision,
@@ -106,14 +107,22 @@ WAYS: Final = ('chained', 'woken', 'confirmed')
 class Subject:
     """A machine that runs for ever, in steps of so many transitions of a state."""
 
-    def __init__(self, shape: str, way: str) -> None:
+    def __init__(self, shape: str, way: str, is_monitored: bool = False) -> None:
         self._visits = [0]
         self._way = way
         # A chain stays below the number that the engine takes for a livelock, machines that end counted.
         patience = 1 if way == 'woken' else CHAIN // DEPTH
         machine = SHAPES[shape](self._visits, patience if way != 'confirmed' else sys.maxsize)
         level = Autonomy.Low if way == 'confirmed' else Autonomy.Full
-        self._run = MachineRun(define(machine), SteadyClock(), Observer(), autonomy=level, userdata={'a': 1, 'b': 2})
+        defined, found = define(machine), list[Violation]()
+        self._run = MachineRun(
+            defined,
+            SteadyClock(),
+            Observer(),
+            autonomy=level,
+            userdata={'a': 1, 'b': 2},
+            monitor=MachineMonitor(declared_resources(defined), found.append) if is_monitored else None,
+        )
         self._run.start()
         self._run.step()
 

@@ -99,7 +99,7 @@ TREE_LAYOUT: Final = Layout(
         TreeContext: frozenset(('earliest',)),
         Tree: frozenset(('_failure',)),
         # Without a violation it follows from where the tree is.
-        TreeMonitor: frozenset(('_open', '_ticked', '_acting', '_ending', '_starting', '_is_taken')),
+        TreeMonitor: frozenset(('_open', 'going_on', '_acting', '_ending', '_starting', '_is_taken')),
         VirtualClock: frozenset(('time',)),
     },
     views={

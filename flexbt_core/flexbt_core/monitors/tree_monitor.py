@@ -50,6 +50,8 @@ class TreeMonitor:
     def __init__(
         self, found: Callable[[Violation], None], requirements: Iterable[Requirement] = (), is_woken_only: bool = False
     ) -> None:
+        self.going_on: set[LeafNode] = set()
+        """Leaves that were RUNNING in this tick."""
         self._found = found
         self._requirements = Requirements(requirements, lambda: self._tree.context.clock.now(), found)
         self._has_requirements = bool(self._requirements.requirements)
@@ -58,7 +60,6 @@ class TreeMonitor:
         self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
         self._resources: dict[TreeNode, frozenset[str]] = {}
         self._open: dict[LeafNode, None] = {}  # leaves that work
-        self._ticked: set[LeafNode] = set()
         self._acting: dict[LeafNode, None] = {}  # of those that have actuators, who has them
         self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
         self._holding: set[str] = set()  # conditions that hold in this tick
@@ -105,11 +106,11 @@ class TreeMonitor:
     def ticked(self, status: NodeStatus) -> None:
         """A tick is over, and this is what it gave."""
         opened = self._open
-        if len(self._ticked) < len(opened):
-            for path in [leaf.path for leaf in opened if leaf not in self._ticked]:
+        if len(self.going_on) < len(opened):
+            for path in [leaf.path for leaf in opened if leaf not in self.going_on]:
                 text = f'{path} goes on, but nothing ticks it any more: it was not halted'
                 self._found(Violation(Property.HALTED, path, text))
-        self._ticked.clear()
+        self.going_on.clear()
         if self._is_taken:
             self._check_owners()
         if self._has_requirements:
@@ -147,7 +148,7 @@ class TreeMonitor:
         self._starting = None
         if status is RUNNING:
             self._open[leaf] = None
-            self._ticked.add(leaf)
+            self.going_on.add(leaf)
             if not leaf.acts_later:
                 self._own(leaf)
         else:
@@ -155,8 +156,8 @@ class TreeMonitor:
             self._tell_result(leaf, status)
 
     def went_on(self, leaf: LeafNode, status: NodeStatus) -> None:
-        """``on_running`` of a leaf has given a status."""
-        self._ticked.add(leaf)
+        """``on_running`` of a leaf has given another status than RUNNING, which is noted in :attr:`going_on`."""
+        self.going_on.add(leaf)
         if status is not SUCCESS and status is not FAILURE:
             return  # one that is SKIPPED stays as it was
         self._acting.pop(leaf, None)
@@ -245,9 +246,14 @@ def _watched_action(plain: Any) -> type[Any]:
         monitor.began(self, status)
         return status
 
+    running = plain.on_running
+
     def on_running(self: Any) -> NodeStatus:
-        status: NodeStatus = plain.on_running(self)
-        self.context.monitor.went_on(self, status)
+        status: NodeStatus = running(self)
+        if status is RUNNING:
+            self.context.monitor.going_on.add(self)
+        else:
+            self.context.monitor.went_on(self, status)
         return status
 
     def on_halted(self: Any) -> None:
