@@ -142,8 +142,11 @@ class _Exploration:
                 break
             choices = Choices(answers.pop())
             system.restore(configuration)
+            system.requirements.happened.clear()
             violations = system.step(label, choices)
             self._steps += 1
+            for event in system.requirements.happened if not label.is_stop else ():
+                graph.comes_about(event, configuration.key)
             answers += reversed(choices.others())
             move = Move(label, choices.answers)
             for violation in violations:
@@ -207,6 +210,8 @@ class _Exploration:
         if self._cut:
             notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
         for violation, moves in graph.problems(self._position, self._faults):
+            self._note(violation, moves)
+        for violation, moves in graph.lost(system.requirements.possible, self._position):
             self._note(violation, moves)
         # After what is wrong nothing was followed.
         for missing in sorted(system.promised() - system.covered()) if self._is_complete and not graph.broken else ():

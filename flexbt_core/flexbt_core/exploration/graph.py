@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations
 
-from flexbt_core.monitors import Property, Violation
+from flexbt_core.monitors import Possible, Property, Violation
 
 from .model import Answer, Move
 
 _Ways = frozenset[Answer | None]
 """How a step may be made without a stop: by what servers answer, and None for what needs none."""
 _STOPS: _Ways = frozenset()
+_ANY: _Ways = frozenset((None,))
+_Before = dict[bytes, list[tuple[bytes, _Ways]]]
+"""Steps by what they lead to."""
 
 
 class Graph:
@@ -33,6 +36,7 @@ class Graph:
         self._depths: dict[bytes, int] = {}
         self._after: dict[bytes, dict[bytes, _Ways]] = {}
         self._servers: set[str] = set()
+        self._leading: dict[str, set[bytes]] = {}
 
     def __len__(self) -> int:
         return len(self._from)
@@ -101,6 +105,43 @@ class Graph:
                     text = f'when the server of {whose}, it goes on for ever from here: {where}; only a stop ends it'
                     yield Violation(Property.CAN_END, ', '.join(gone), text), way
 
+    def comes_about(self, event: str, source: bytes) -> None:
+        """In a step from there, which is no stop, something comes about that is to stay possible."""
+        self._leading.setdefault(event, set()).add(source)
+
+    def lost(
+        self, possible: Iterable[Possible], position: Callable[[tuple[Move, ...]], str]
+    ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
+        """Where something is not possible any more although nobody has stopped it, and where a stop ends nothing."""
+        before = self._before()
+        going_on = self._going_on()
+        for one in possible:
+            ways = self._leading.get(one.event, set()) | self.unfinished | self.broken
+            lost = going_on - _sources(ways, before, lambda way: True)
+            if lost:
+                way, where = self._shortest(lost, position)
+                text = f'from here {one.event} is not possible any more: {where}; required is: {one}'
+                yield Violation(Property.POSSIBLE, where, text), way
+        if any(not ways for steps in self._after.values() for ways in steps.values()):
+            ends = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
+            caught = self._from.keys() - _sources(ends, self._before(is_stopped=True), lambda way: True)
+            if caught:
+                way, where = self._shortest(caught, position)
+                text = f'from here not even a stop ends it, whatever happens: {where}'
+                yield Violation(Property.RECOVERY, where, text), way
+
+    def _going_on(self) -> set[bytes]:
+        """Configurations that are reached without a stop, and are no end."""
+        if self._first is None:
+            return set()
+        found, ahead = {self._first}, [self._first]
+        while ahead:
+            for key, ways in self._after.get(ahead.pop(), {}).items():
+                if ways and key not in found:
+                    found.add(key)
+                    ahead.append(key)
+        return {key for key in found if self.ended[key] is None}
+
     def unlimited(self) -> list[str]:
         """The servers without whose answer it cannot end, once they were asked: nothing limits how long that takes."""
         before = self._before()
@@ -121,30 +162,34 @@ class Graph:
             return False
         return all(after == key or not ways for after, ways in self._after.get(key, {}).items())
 
-    def _before(self) -> dict[bytes, list[tuple[bytes, _Ways]]]:
-        """The steps without a stop, by what they lead to."""
-        before: dict[bytes, list[tuple[bytes, _Ways]]] = {}
+    def _before(self, *, is_stopped: bool = False) -> _Before:
+        """The steps without a stop, by what they lead to; with ``is_stopped`` all of them."""
+        before: _Before = {}
         for source, steps in self._after.items():
             for key, ways in steps.items():
-                if ways and key != source:
-                    before.setdefault(key, []).append((source, ways))
+                if (ways or is_stopped) and key != source:
+                    before.setdefault(key, []).append((source, ways or _ANY))
         return before
 
-    def _can_end(
-        self, before: dict[bytes, list[tuple[bytes, _Ways]]], gone: frozenset[str], silent: str | None = None
-    ) -> set[bytes]:
+    def _can_end(self, before: _Before, gone: frozenset[str], silent: str | None = None) -> set[bytes]:
         """Configurations from which an end can be reached without a stop, or might be.
 
         Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``.
         """
-        found = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
-        ahead = list(found)
-        while ahead:
-            for source, ways in before.get(ahead.pop(), ()):
-                if source not in found and any(
-                    way is None or (way.server != silent and not (way.is_success and way.server in gone))
-                    for way in ways
-                ):
-                    found.add(source)
-                    ahead.append(source)
-        return found
+        ends = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
+        return _sources(
+            ends,
+            before,
+            lambda way: way is None or (way.server != silent and not (way.is_success and way.server in gone)),
+        )
+
+
+def _sources(targets: set[bytes], before: _Before, is_way: Callable[[Answer | None], bool]) -> set[bytes]:
+    """From where one of these is reached by steps that can be made so, themselves included."""
+    found, ahead = set(targets), list(targets)
+    while ahead:
+        for source, ways in before.get(ahead.pop(), ()):
+            if source not in found and any(map(is_way, ways)):
+                found.add(source)
+                ahead.append(source)
+    return found

@@ -4,13 +4,22 @@
 from __future__ import annotations
 
 import marshal
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from hashlib import blake2b
 from typing import Any, Final
 
-from flexbt_core.monitors import MachineMonitor, Property, Requirement, Requirements, Violation, declared_resources
+from flexbt_core.monitors import (
+    MachineMonitor,
+    Property,
+    Requirement,
+    Requirements,
+    Violation,
+    Written,
+    declared_resources,
+    violation_of,
+)
 from flexbt_core.state_machine import (
     AUTONOMY_NAMES,
     ERROR,
@@ -43,6 +52,8 @@ FORCE: Final = 'operator forces'
 PAUSE: Final = 'operator pauses'
 RESUME: Final = 'operator resumes'
 
+_DEFAULT: Final = '(default)'
+"""What a key has that nobody has written, where that is looked at."""
 _TRANSITIONS: Final = 60
 _WAKES: Final = 50
 
@@ -88,7 +99,7 @@ _WIRED: Final = {
     ),
     MachineEnvironment: frozenset(('choices', 'answers')),
     MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
-    Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event')),
+    Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', 'skill')),
     EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
 }
@@ -120,12 +131,15 @@ class MachineSystem:
         definition: MachineDefinition,
         models: StateModels = state_model,
         bounds: Bounds | None = None,
-        requirements: Iterable[Requirement] = (),
+        requirements: Sequence[Requirement] = (),
     ) -> None:
         self.clock = VirtualClock()
         self._bounds = bounds or Bounds()
         self._environment = MachineEnvironment()
-        self._definition = modelled(definition, models, self._environment)
+        self._written = [one for one in requirements if isinstance(one, Written)]
+        defaults = dict.fromkeys((key for one in self._written for key in one.keys), _DEFAULT)
+        shown = {key: defaults.get(key, value) for key, value in definition.defaults.items()}
+        self._definition = modelled(replace(definition, defaults=shown), models, self._environment)
         self._observer = _Observer(self)
         self._woken = False
         self._counted = _Counted()
@@ -171,6 +185,10 @@ class MachineSystem:
             return configuration
         rest = marshal.dumps((self._run.outcome, sorted(self._environment.ending)), 2)
         return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+
+    @property
+    def requirements(self) -> Requirements:
+        return self._monitor.requirements
 
     def restore(self, configuration: Configuration) -> None:
         self._memory.restore(configuration)
@@ -364,10 +382,21 @@ class MachineSystem:
             self._taken.add(f'{path} > {outcome}')
         if target.startswith('=') and path.count('/') == 1:
             self._taken.add(f'/ > {target[1:]}')
+        for one in self._written:
+            if one.event in (target, f'{path} > {outcome}'):
+                self._check_written(one)
 
     def _note(self, violation: Violation) -> None:
         if violation not in self._found:
             self._found.append(violation)
+
+    def _check_written(self, required: Written) -> None:
+        scope = self._run.scope
+        for key in required.keys:
+            if key not in scope or scope.get(key) == _DEFAULT:
+                self._note(
+                    violation_of(required, required.event, f'{required.event} comes, and nobody has written {key}')
+                )
 
     def raised(self, path: str, text: str) -> None:
         """A state raised, or did not halt."""

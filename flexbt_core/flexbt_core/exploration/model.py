@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
-from flexbt_core.monitors import Violation
+from flexbt_core.monitors import Requirements, Violation
 
 from .choices import Choices
 from .configuration import Configuration
@@ -80,6 +80,10 @@ class System(Protocol):
 
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""
+
+    @property
+    def requirements(self) -> Requirements:
+        """What the mission requires, and what of it has come about in the last step."""
 
     @property
     def ended(self) -> str | None:

@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, SUCCESS, Entry
-from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation
+from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
@@ -84,7 +84,7 @@ TREE_LAYOUT: Final = Layout(
         TreeMonitor: frozenset(
             ('_found', '_tree', '_nodes', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
         ),
-        Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event')),
+        Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
         Tree: frozenset(
             (
                 *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
@@ -230,6 +230,15 @@ class TreeSystem:
         # Nothing follows any more, but that what was canceled ends.
         rest = marshal.dumps((self._run.result, sorted(self._environment.canceling)), 2)
         return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+
+    @property
+    def requirements(self) -> Requirements:
+        return self._monitor.requirements
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """What requirements of this tree can be about."""
+        return self._monitor.vocabulary
 
     def restore(self, configuration: Configuration) -> None:
         self._memory.restore(configuration)

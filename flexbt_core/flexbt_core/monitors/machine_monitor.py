@@ -49,8 +49,8 @@ class MachineMonitor:
         self._found = found
         self._visits = Visits()
         self._approvals = Approvals()
-        self._requirements = Requirements(requirements, lambda: self._run.clock.now(), found)
-        self._has_requirements = bool(self._requirements.requirements)
+        self.requirements = Requirements(requirements, lambda: self._run.clock.now(), found)
+        self._has_requirements = bool(self.requirements.requirements)
         self._is_taken = False  # an actuator, in this step or one before; it may have two owners
         self._is_ending = False
         self._outcome: str | None = None
@@ -65,7 +65,7 @@ class MachineMonitor:
         if is_resumed:
             self._visits.resume(state.path for state in run.active_states())
             self._approvals.resume(run.approved())
-            self._requirements.resume()
+            self.requirements.resume()
 
     def entered(self, path: str) -> None:
         if (wrong := self._visits.entered(path)) is not None:
@@ -75,7 +75,7 @@ class MachineMonitor:
         if path in self.resources:
             self._is_taken = True
         if self._has_requirements:
-            self._requirements.event(path)
+            self.requirements.event(path)
 
     def exited(self, path: str) -> None:
         if (wrong := self._visits.exited(path)) is not None:
@@ -101,10 +101,10 @@ class MachineMonitor:
             self._found(wrong)
         if self._has_requirements and outcome:
             left = f'{path} > {outcome}'
-            self._requirements.follows(left, target)
-            self._requirements.event(left)
+            self.requirements.follows(left, target)
+            self.requirements.event(left)
             if (target.startswith('=') and path.count('/') == 1) or self._is_container(target):
-                self._requirements.event(target)  # states are entered by themselves
+                self.requirements.event(target)  # states are entered by themselves
 
     def rests(self) -> None:
         run = self._run
@@ -118,12 +118,12 @@ class MachineMonitor:
                 self._found(wrong)
             self._is_taken = len(owners) > 1  # one that stands still may go on beside the other
         if self._has_requirements:
-            self._requirements.rests(run.pausing.is_paused)
-            if self._requirements.aparts:
-                self._requirements.works(self._visits.inside)
+            self.requirements.rests(run.pausing.is_paused)
+            if self.requirements.aparts:
+                self.requirements.works(self._visits.inside)
 
     def next_wake(self) -> float | None:
-        return self._requirements.next_due()
+        return self.requirements.next_due()
 
     def ends(self) -> None:
         self._is_ending = True
@@ -136,7 +136,7 @@ class MachineMonitor:
         for wrong in self._visits.left_open():
             self._found(wrong)
         if outcome not in (PREEMPTED, ERROR):
-            self._requirements.ended()
+            self.requirements.ended()
 
     def _is_container(self, path: str) -> bool:
         machine = self._run.definition

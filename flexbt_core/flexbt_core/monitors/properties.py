@@ -23,12 +23,19 @@ class Property(Enum):
     HALTED = 'a halt halts everything'
     NO_FAULT = 'no node and no state raises'
     DECLARED = 'it ends only by what it declares'
+    RECOVERY = 'it can always be stopped'
     REQUIREMENT = 'what the mission requires'
+    POSSIBLE = 'what the mission requires to stay possible'
 
     @property
     def is_shown_by_a_way(self) -> bool:
         """Whether the steps of a counterexample show it; otherwise it is about what cannot follow after them."""
-        return self not in (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE)
+        return self not in _OF_WHAT_CANNOT_FOLLOW
+
+
+_OF_WHAT_CANNOT_FOLLOW = frozenset(
+    (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE, Property.RECOVERY, Property.POSSIBLE)
+)
 
 
 class Violation(NamedTuple):

@@ -146,8 +146,15 @@ class Requirements:
         for one in self.requirements:
             for event in _events(one):
                 self._by_event.setdefault(event, []).append(one)
+        self.happened: set[str] = set()
+        """Of what is to stay possible, what has happened since somebody cleared this."""
         self.whiles = [one for one in self.requirements if isinstance(one, While)]
         self.aparts = [one for one in self.requirements if isinstance(one, Apart)]
+
+    @property
+    def possible(self) -> list[Possible]:
+        """What is to stay possible."""
+        return [one for one in self.requirements if isinstance(one, Possible)]
 
     @property
     def names(self) -> frozenset[str]:
@@ -216,6 +223,8 @@ class Requirements:
         name = str(one)
         if isinstance(one, Never):
             self._tell(one, event, f'{event} happens')
+        elif isinstance(one, Possible):
+            self.happened.add(event)
         elif isinstance(one, AtMost):
             count = self.counts[name] = min(self.counts.get(name, 0) + 1, one.times + 1)
             if count > one.times:
@@ -243,7 +252,7 @@ class Requirements:
 
 def _events(one: Requirement) -> set[str]:
     """What a requirement wants to hear of."""
-    if isinstance(one, Never | AtMost | After):
+    if isinstance(one, Never | AtMost | After | Possible):
         return {one.event}
     if isinstance(one, Before):
         return {one.event, one.needs}

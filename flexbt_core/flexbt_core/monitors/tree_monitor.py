@@ -53,9 +53,9 @@ class TreeMonitor:
         self.going_on: set[LeafNode] = set()
         """Leaves that were RUNNING in this tick."""
         self._found = found
-        self._requirements = Requirements(requirements, lambda: self._tree.context.clock.now(), found)
-        self._has_requirements = bool(self._requirements.requirements)
-        self._named = self._requirements.names
+        self.requirements = Requirements(requirements, lambda: self._tree.context.clock.now(), found)
+        self._has_requirements = bool(self.requirements.requirements)
+        self._named = self.requirements.names
         self._is_woken_only = is_woken_only
         self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
         self._resources: dict[TreeNode, frozenset[str]] = {}
@@ -141,7 +141,7 @@ class TreeMonitor:
         """``on_start`` of a leaf is called next."""
         self._starting = leaf
         if self._has_requirements:
-            self._requirements.event(leaf.path)
+            self.requirements.event(leaf.path)
 
     def began(self, leaf: LeafNode, status: NodeStatus) -> None:
         """``on_start`` of a leaf has given a status."""
@@ -172,7 +172,7 @@ class TreeMonitor:
         before = context.works if leaf in self._acting else ()
         self._open.pop(leaf, None)
         if self._has_requirements:
-            self._requirements.event(f'{leaf.path} > halted')
+            self.requirements.event(f'{leaf.path} > halted')
         try:
             halt()
         finally:
@@ -189,7 +189,7 @@ class TreeMonitor:
 
     def done(self, leaf: TreeNode, status: NodeStatus) -> None:
         """A leaf was done within a tick."""
-        self._requirements.event(leaf.path)
+        self.requirements.event(leaf.path)
         self._tell_result(leaf, status)
         if status is SUCCESS:
             self._holding.add(leaf.path)
@@ -205,7 +205,7 @@ class TreeMonitor:
 
     def _tell_result(self, leaf: TreeNode, status: NodeStatus) -> None:
         if self._has_requirements and (status is SUCCESS or status is FAILURE):
-            self._requirements.event(f'{leaf.path} > {status.name}')
+            self.requirements.event(f'{leaf.path} > {status.name}')
 
     def _check_owners(self) -> None:
         works = self._tree.context.works
@@ -216,7 +216,7 @@ class TreeMonitor:
         self._is_taken = False  # until somebody else begins
 
     def _check_requirements(self, status: NodeStatus) -> None:
-        requirements = self._requirements
+        requirements = self.requirements
         working = [leaf.path for leaf in self._open]
         requirements.works(working)
         requirements.unguarded(working, self._holding)

@@ -20,10 +20,12 @@ from flexbt_core.exploration import (
     replay,
     state_model,
 )
+from flexbt_core.monitors import parse_requirement
 from flexbt_core.state_machine import (
     Autonomy,
     ConcurrencyContainer,
     EventState,
+    MachineRun,
     OperatableStateMachine,
     StateDefinition,
     define,
@@ -159,3 +161,56 @@ def test_a_command_that_is_ignored_does_not_keep_a_stop_from_its_end() -> None:
     report, _ = proved(mission, Bounds(faults=2))
     assert 'error' in report.ends  # the run says that it could not stop everything
     assert Property.STOP_STOPS not in {found.violation.property for found in report.counterexamples}
+
+
+REQUIRED: list[tuple[str, str]] = [
+    ('never /Recover > failed', 'REQUIREMENT'),
+    ('/Drive only after /Plan > done', ''),
+    ('/Drive only after /Plan > done, each time anew', ''),
+    ('after /Plan > failed comes /Drive', 'REQUIREMENT'),
+    ('after /Plan > done, /Ask > enough before the end', 'REQUIREMENT'),
+    ('after /Plan > done, /Drive within 1 s', ''),
+    # The drive has 5 s, and two more attempts.
+    ('after /Drive, /Drive > timeout within 16 s', 'REQUIREMENT'),
+    ('/Recover at most 1 times', 'REQUIREMENT'),
+    ('=finished is always still possible', ''),
+    ('/Recover > done is always still possible', ''),
+    ('=finished only with path written', ''),
+    ('=finished only with report written', 'REQUIREMENT'),
+]
+
+
+@pytest.mark.parametrize(('text', 'kind'), REQUIRED)
+def test_what_the_mission_requires_is_proved_or_shown_not_to_hold(text: str, kind: str) -> None:
+    machine = mission()
+    machine.userdata.report = ''
+    definition = define(machine)
+    required = parse_requirement(text, 'test').requirement
+
+    def system() -> MachineSystem:
+        return MachineSystem(definition, models, requirements=[required])
+
+    report = explore(system, 'mission', limits=Limits(seconds=600))
+    assert [found.violation.property.name for found in report.counterexamples] == ([kind] if kind else [])
+    for found in report.counterexamples:
+        assert text in found.violation.text
+        if found.violation.property.is_shown_by_a_way:
+            assert found.violation in replay(system, found.moves)
+
+
+def test_what_is_lost_on_the_way_is_shown_where_it_is() -> None:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        add('Fetch', Work(), {'done': 'Bring', 'failed': 'failed'})
+        add('Bring', Work(), {'done': 'finished', 'failed': 'failed'})
+    definition, required = define(machine), parse_requirement('/Fetch > done is always still possible', 'test')
+    report = explore(lambda: MachineSystem(definition, models, requirements=[required.requirement]), 'mission')
+    (found,) = report.counterexamples
+    assert found.violation.property is Property.POSSIBLE and found.violation.where == 'active: /Bring'
+    assert [move.label.value for move in found.moves] == ['', 'done']
+
+
+def test_a_stop_that_ends_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MachineRun, '_finish', lambda self, outcome, message: None)
+    properties = {found.violation.property for found in proved(mission)[0].counterexamples}
+    assert Property.RECOVERY in properties

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey
@@ -21,11 +22,12 @@ from flexbt_core.exploration import (
     explore,
     replay,
 )
+from flexbt_core.monitors import Stated, machine_vocabulary, parse_requirement, problems_with
 from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
-from flexbt_tools.errors import UsageError
-from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree
+from flexbt_tools.errors import UnfitError, UsageError
+from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree, told_requirements
 from flexbt_tools.trees import OpenRegistry
 
 from .environment import state_models
@@ -58,13 +60,21 @@ def prove_behavior(
     *,
     seconds: float,
     configurations: int,
+    required: Sequence[Stated] = (),
+    required_of_trees: Mapping[str, Sequence[Stated]] = MappingProxyType({}),
     on_progress: Callable[[str, Progress], None] | None = None,
     kept: KeptProofs | None = None,
 ) -> BehaviorProof:
     """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may.
 
+    ``required`` is what holds of its machine beside what holds for all, ``required_of_trees`` of trees, by their IDs.
     Of the trees, what is in ``kept`` is not explored again.
+
+    Raises UnfitError when that is about what they do not have.
     """
+    if problems := problems_with(required, machine_vocabulary(machine), name):
+        raise UnfitError('\n'.join(problems))
+    requirements = [one.requirement for one in required]
     end = time.monotonic() + seconds
     trees: dict[TreeKey, Report] = {}
     ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
@@ -73,15 +83,23 @@ def prove_behavior(
             share = _SHARE_OF_TREES * (end - time.monotonic()) / (len(ahead) - number)
             limits = Limits(min(most, share), configurations)
             tell = _named(f'tree {key.id}', on_progress)
-            trees[key] = prove_tree(used.library, key, limits=limits, faults=bounds.faults, on_progress=tell, kept=kept)
+            trees[key] = prove_tree(
+                used.library,
+                key,
+                limits=limits,
+                faults=bounds.faults,
+                required=required_of_trees.get(key.id, ()),
+                on_progress=tell,
+                kept=kept,
+            )
         ahead = [key for key, report in trees.items() if report.stopped_by]
     models = _models(used, trees)
     without = ', '.join(use.path for use in used.uses if use.runs_unknown)
     unknown = f'; of the trees that these run nothing is known, any outcome is taken as possible: {without}'
     report = explore(
-        lambda: MachineSystem(machine, models, bounds),
+        lambda: MachineSystem(machine, models, bounds, requirements),
         f'machine of {name}',
-        f'{bounds}{unknown if without else ""}',
+        f'{bounds}{unknown if without else ""}{told_requirements(required)}',
         Limits(max(0.0, end - time.monotonic()), configurations),
         _named('the machine', on_progress),
         faults=bounds.faults,
@@ -98,6 +116,7 @@ def replay_behavior(
     forces: int = 0,
     faults: int = 1,
     autonomy: int = 1,
+    require: Sequence[str] = (),
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
@@ -111,7 +130,8 @@ def replay_behavior(
     registry: NodeRegistry = OpenRegistry(node_registry(lambda source, error: None))
     models = _models(used_trees(machine, (), registry), {})
     bounds = Bounds(Operator(operator), forces, faults, autonomy)
-    return replay(lambda: MachineSystem(machine, models, bounds), moves_of(moves))
+    required = [parse_requirement(text, 'require').requirement for text in require]
+    return replay(lambda: MachineSystem(machine, models, bounds, required), moves_of(moves))
 
 
 def _models(used: UsedTrees, reports: dict[TreeKey, Report]) -> StateModels:

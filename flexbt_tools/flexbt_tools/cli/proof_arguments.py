@@ -6,15 +6,19 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
+from typing import Final
 
 from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
+from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
 from flexbt_core.values import one_line
-from flexbt_tools.errors import ExitCode
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.proofs import KeptProofs, report_as_json, report_lines
-from flexbt_tools.text_files import write_text
+from flexbt_tools.text_files import read_text, write_text
 
 from . import arguments
+
+_MOST_BYTES: Final = 1_000_000
 
 
 def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
@@ -58,6 +62,41 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 def kept(options: argparse.Namespace) -> KeptProofs | None:
     """The proofs that need not be made again."""
     return None if options.anew else KeptProofs()
+
+
+def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
+    """``options.require`` of ``what`` is proved, ``options.requirements``."""
+    parser.add_argument(
+        '--require',
+        metavar='TEXT',
+        action='append',
+        default=[],
+        help=f'what the mission requires of the {what}, such as "never /Drive > failed"; repeatable',
+    )
+    parser.add_argument(
+        '--requirements', metavar='FILE', help='YAML file of what is required, by the names of behaviors and trees'
+    )
+
+
+def requirements(options: argparse.Namespace) -> tuple[list[Stated], dict[str, tuple[Stated, ...]]]:
+    """What is required of what is proved, and what the file requires by names. Raises UsageError and UnfitError."""
+    try:
+        own = [parse_requirement(text, '--require') for text in options.require]
+    except RequirementError as error:
+        raise UsageError(str(error)) from None
+    if options.requirements is None:
+        return own, {}
+    try:
+        return own, read_requirements(read_text(options.requirements, _MOST_BYTES), options.requirements)
+    except RequirementError as error:
+        raise UnfitError(str(error)) from None
+
+
+def tell_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
+    """Of names in the file nothing is proved here."""
+    unused = [name for name in named if name not in proved]
+    if unused:
+        print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
 
 
 def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:

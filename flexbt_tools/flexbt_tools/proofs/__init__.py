@@ -6,7 +6,7 @@ from .moves import moves_of
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
 from .saved_test import behavior_test, tree_test
-from .tree_proof import prove_tree, replay_tree
+from .tree_proof import prove_tree, replay_tree, told_requirements
 
 __all__ = [
     'KeptProofs',
@@ -17,5 +17,6 @@ __all__ = [
     'replay_tree',
     'report_as_json',
     'report_lines',
+    'told_requirements',
     'tree_test',
 ]

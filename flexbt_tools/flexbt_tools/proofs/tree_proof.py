@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree import LoadError, NodeKind, NodeRegistry, TreeKey, TreeLibrary
 from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, Violation, explore, replay, servers_gone
+from flexbt_core.monitors import Stated, parse_requirement, problems_with
 from flexbt_server.node_types import node_registry
-from flexbt_tools.errors import RefusedError
+from flexbt_tools.errors import RefusedError, UnfitError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, references
 
 from .kept_proofs import NOTE, KeptProofs, digest_of
@@ -28,28 +29,36 @@ def prove_tree(
     given: Iterable[str] = (),
     limits: Limits | None = None,
     faults: int = 1,
+    required: Sequence[Stated] = (),
     on_progress: Callable[[Progress], None] | None = None,
     kept: KeptProofs | None = None,
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
-    servers may be gone for good. What is in ``kept`` is not explored again.
+    servers may be gone for good, and ``required`` what holds beside what holds for all. What is in ``kept`` is not
+    explored again.
 
     A leaf whose type is not installed gives any result, and a note says so.
 
     Raises:
         TreeLoadError: the tree cannot be built.
         RefusedError: it has a control or a decorator whose type is not installed: what it does is not known.
+        UnfitError: something is required of what it does not have.
     """
     keys = (*GOALS, *given)
     unknown = _unknown_leaves(library, key)
 
     def make() -> TreeSystem:
-        return TreeSystem(library, key, given=keys)
+        return TreeSystem(library, key, given=keys, requirements=requirements)
 
-    taken = make().given
+    requirements = [one.requirement for one in required]
+    first = make()
+    if problems := problems_with(required, first.vocabulary, f'tree {key.id}'):
+        raise UnfitError('\n'.join(problems))
+    taken = first.given
     bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
-    digest = '' if kept is None else digest_of(library, key, [*keys, str(faults)])
+    bounds += told_requirements(required)
+    digest = '' if kept is None else digest_of(library, key, [*keys, str(faults), *map(str, requirements)])
     known = None if kept is None else kept.get(digest, make)
     report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
     if kept is not None and known is None and report.is_complete:
@@ -60,6 +69,11 @@ def prove_tree(
             f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
         )
     return replace(report, notes=(*report.notes, *notes))
+
+
+def told_requirements(required: Sequence[Stated]) -> str:
+    """What is required, as a part of the bounds of a report."""
+    return f'; required: {"; ".join(str(one.requirement) for one in required)}' if required else ''
 
 
 def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:
@@ -89,7 +103,12 @@ def _unknown_leaves(library: TreeLibrary, key: TreeKey) -> list[str]:
 
 
 def replay_tree(
-    files: Sequence[str], tree: str, moves: Iterable[Sequence[Any]], *, given: Iterable[str] = ()
+    files: Sequence[str],
+    tree: str,
+    moves: Iterable[Sequence[Any]],
+    *,
+    given: Iterable[str] = (),
+    require: Sequence[str] = (),
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
@@ -102,4 +121,5 @@ def replay_tree(
         raise LookupError(f'there is no tree {tree!r} in {", ".join(files)}')
     keys = (*GOALS, *given)
     way: tuple[Move, ...] = moves_of(moves)
-    return replay(lambda: TreeSystem(library, key, given=keys), way)
+    required = [parse_requirement(text, 'require').requirement for text in require]
+    return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), way)

@@ -162,3 +162,33 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     tree.write_text(document('Main: <Sequence><Spin/><BackUp/></Sequence>'))
     was_kept, mended = proved()
     assert not was_kept and not mended['wrong']
+
+
+def test_what_is_required_is_proved_told_and_saved(tmp_path: Path) -> None:
+    tree, required, saved = tmp_path / 'inspect.xml', tmp_path / 'site.yaml', tmp_path / 'test_inspect.py'
+    tree.write_text(document('Main: <Sequence><Wait name="drive"/><Spin name="look"/></Sequence>'))
+    required.write_text('Main:\n  - look only after drive > SUCCESS\n  - after drive, look before the end\nOther: []\n')
+    done = tool('prove', str(tree), '--requirements', str(required), '--save-test', str(saved))
+    assert done.code == 1 and done.out.count('WRONG') == 1 and f'{required}: not proved here: Other' in done.err
+    assert 'it ends, and look has not come after drive; required is: after drive, look before the end' in done.out
+    names: dict[str, object] = {}
+    exec(compile(saved.read_text(), str(saved), 'exec'), names)  # noqa: S102 - it was written by the program under test
+    (test,) = [value for name, value in names.items() if name.startswith('test_')]
+    assert callable(test)
+    with pytest.raises(AssertionError, match='look has not come'):
+        test()
+    required.write_text('Main:\n  - never lok\n')
+    done = tool('prove', str(tree), '--requirements', str(required))
+    assert (
+        done.code == 3
+        and f"{required}:2: \"never lok\": tree Main has no event 'lok'; did you mean 'look'?" in done.err
+    )
+    done = tool('prove', str(tree), '--require', 'look well')
+    assert done.code == 2 and '--require: "look well" is no requirement; write one of' in done.err
+
+
+def test_what_is_required_of_a_behavior_is_about_its_machine() -> None:
+    code, out, _ = behavior('prove', 'Navigate Split', '--require', 'never =failed', '--seconds', '30', '--faults', '0')
+    assert code == 1 and '=failed happens; required is: never =failed' in out
+    code, _, err = behavior('prove', 'Navigate Split', '--require', 'never /AskGaol')
+    assert code == 3 and "Navigate Split has no event '/AskGaol'; did you mean '/AskGoal'?" in err

@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='level of autonomy (default: %(default)s)',
     )
     proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
+    proof_arguments.add_requirements(parser, 'machine of the behavior')
     proof_arguments.add_limits(parser)
 
 
@@ -52,6 +53,10 @@ def run(options: argparse.Namespace) -> ExitCode:
         options.faults,
         next(level for level, name in AUTONOMY_NAMES.items() if name == options.autonomy),
     )
+    own, by_name = proof_arguments.requirements(options)
+    required = [*own, *by_name.get(behavior.name, ())]
+    trees = [use.key.id for use in used.uses if use.key is not None]
+    proof_arguments.tell_unused(options, by_name, {behavior.name, *trees})
     progress = ProgressLine(not options.quiet)
     try:
         proof = prove_behavior(
@@ -61,6 +66,8 @@ def run(options: argparse.Namespace) -> ExitCode:
             bounds,
             seconds=options.seconds,
             configurations=options.situations,
+            required=required,
+            required_of_trees=by_name,
             on_progress=progress.tell,
             kept=proof_arguments.kept(options),
         )
@@ -70,6 +77,6 @@ def run(options: argparse.Namespace) -> ExitCode:
         progress.end()
     code = proof_arguments.tell(options, proof.reports)
     if options.save_test is not None and not proof.machine.holds:
-        text = behavior_test(behavior.name, parameters(options), bounds, proof.machine.counterexamples)
+        text = behavior_test(behavior.name, parameters(options), bounds, proof.machine.counterexamples, required)
         proof_arguments.save_test(options, text)
     return code

@@ -21,12 +21,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_node_types(parser, allow_unknown=False)
     proof_arguments.add_faults(parser, 'servers that are gone for good')
+    proof_arguments.add_requirements(parser, 'tree')
     proof_arguments.add_limits(parser)
 
 
 def run(options: argparse.Namespace) -> ExitCode:
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
+    own, by_name = proof_arguments.requirements(options)
+    proof_arguments.tell_unused(options, by_name, [key.id for key in keys])
+    required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
     progress = ProgressLine(not options.quiet)
     reports = {}
     for key in keys:
@@ -39,6 +43,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 given=options.given,
                 limits=limits,
                 faults=options.faults,
+                required=required[key],
                 kept=proof_arguments.kept(options),
                 on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
             )
@@ -52,6 +57,6 @@ def run(options: argparse.Namespace) -> ExitCode:
     wrong = [key for key, report in reports.items() if not report.holds]
     if options.save_test is not None and wrong:
         key = wrong[0]
-        text = tree_test(options.files, key.id, reports[key].counterexamples, options.given)
+        text = tree_test(options.files, key.id, reports[key].counterexamples, options.given, required[key])
         proof_arguments.save_test(options, text)
     return code
