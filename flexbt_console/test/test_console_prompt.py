@@ -293,6 +293,8 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     asyncio.run(asyncio.wait_for(operate(), 20.0))
     assert [entry.kind for entry in link.sent] == [CommandKind.ANSWER, CommandKind.CONFIRM, CommandKind.STOP]
     assert [entry.decision_id for entry in link.sent] == ['i1', 't1', '']
+    waits = [(entry.wait_queue, entry.wait_interaction) for entry in link.sent]
+    assert [min(pair) >= 0.0 for pair in waits] == [True, True, False]  # measured where there was something to answer
 
 
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:

@@ -9,8 +9,11 @@ by interaction. An operator deals with a decision from the first key that is pre
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
+from math import fsum
 from typing import Final
 
+from flexbt_console.mirror import Command
 from flexbt_core.clock import Clock
 
 REMEMBERED: Final = 200
@@ -38,13 +41,20 @@ class Attention:
         self._close()
         self._current = (decision, self._clock.now()) if decision else None
 
+    def measured(self, command: Command) -> Command:
+        """With why the decision that it answers has waited, for the report of the run."""
+        if not command.decision_id:
+            return command
+        queue, interaction = self.answered(command.decision_id)
+        return replace(command, wait_queue=queue, wait_interaction=interaction)
+
     def answered(self, decision: str) -> tuple[float, float]:
         """Seconds in which others were dealt with while this one waited, and in which this one was."""
         self._close()
         now = self._clock.now()
         seen = self._seen.get(decision, now)
-        queue = sum(max(0.0, end - max(begin, seen)) for one, begin, end in self._spells if one != decision)
-        return queue, sum(end - begin for one, begin, end in self._spells if one == decision)
+        queue = fsum(max(0.0, end - max(begin, seen)) for one, begin, end in self._spells if one != decision)
+        return queue, fsum(end - begin for one, begin, end in self._spells if one == decision)
 
     def _close(self) -> None:
         if self._current is not None:

@@ -38,7 +38,16 @@ from flexbt_console.present import (
     has_colours,
     tone_of,
 )
-from flexbt_console.ui.interaction import Bound, Local, Meaning, NoLiveLinkError, ShownDecision, fold, interpret
+from flexbt_console.ui.interaction import (
+    Attention,
+    Bound,
+    Local,
+    Meaning,
+    NoLiveLinkError,
+    ShownDecision,
+    fold,
+    interpret,
+)
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -114,6 +123,7 @@ class Prompt:
         self._leaving = leaving
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
+        self._attention = Attention(clock)
         self._follower = Follower(mirror)
         self._pending: list[str] = []
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
@@ -134,12 +144,18 @@ class Prompt:
             output=output,
         )
         self._session.app.min_redraw_interval = REDRAW_SECONDS
-        self._session.default_buffer.on_text_changed += lambda buffer: self._shown.typed(buffer.text)
+        self._session.default_buffer.on_text_changed += lambda buffer: self._typed(buffer.text)
 
     @property
     def shown_decision(self) -> str | None:
         """Identifier of the decision that is on the screen."""
         return self._shown.shown
+
+    def _typed(self, text: str) -> None:
+        """A key counts as dealing with the decision on the screen."""
+        if text:
+            self._attention.touched(self._shown.shown or '')
+        self._shown.typed(text)
 
     async def run(self) -> None:
         """Read and do lines until the operator quits, or the terminal is gone."""
@@ -215,7 +231,7 @@ class Prompt:
         else:
             if meaning.command is not None:
                 self._pending.append(meaning.command.id)
-                self._link.send(meaning.command, self._timeout, meaning.label)
+                self._link.send(self._attention.measured(meaning.command), self._timeout, meaning.label)
         return True
 
     def _do_held(self) -> None:
@@ -278,6 +294,7 @@ class Prompt:
     def _refresh(self) -> None:
         self._refresh_planned = False
         view = self._mirror.view()
+        self._attention.pending([decision.id for decision in view.decisions])
         self._do_held()
         if self._is_settled(view):
             self._tell(view)

@@ -10,7 +10,6 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, ClassVar, Final, ParamSpec, Protocol
 
 from rich.text import Text
@@ -42,6 +41,7 @@ from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
 from .panes import Pane, styled
 from .replay_bar import MOVES, NoLink, Player, ReplayBar
+from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
 from .tree_lines import tree_lines
 
@@ -220,7 +220,7 @@ class OperatorScreen(App[None]):
 
     def _wake(self) -> None:
         # From any thread; many changes make one drawing.
-        if not self._is_planned:
+        if not self._is_planned and self.is_running:
             self._is_planned = True
             self.call_later(self._plan)
 
@@ -379,10 +379,9 @@ class OperatorScreen(App[None]):
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         if meaning.command is not None:
-            meaning = replace(meaning, command=self._with_waits(meaning.command))
-            assert meaning.command is not None
-            self._pending.append((self._mirror, meaning.command.id))
-            self._link.send(meaning.command, self._timeout, meaning.label)
+            command = self._attention.measured(meaning.command)
+            self._pending.append((self._mirror, command.id))
+            self._link.send(command, self._timeout, meaning.label)
         elif meaning.local is Local.QUIT:
             self.exit()
         elif meaning.local is Local.HELP:
@@ -395,13 +394,6 @@ class OperatorScreen(App[None]):
             self._read(meaning.line.spec.name, action.show(meaning.line, view, self._mirror).text)
         elif meaning.local is Local.ASK:
             threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
-
-    def _with_waits(self, command: Command) -> Command:
-        """With why the decision that it answers has waited, for the report of the run."""
-        if not command.decision_id:
-            return command
-        queue, interaction = self._attention.answered(command.decision_id)
-        return replace(command, wait_queue=queue, wait_interaction=interaction)
 
     async def on_event(self, event: events.Event) -> None:
         """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen."""
@@ -616,12 +608,16 @@ def run_screen(
     robots: Robots | None = None,
 ) -> None:
     """Run the screen in this terminal until the operator leaves it."""
-    app: Any = OperatorScreen(mirror, link, make, timeout, clock, leaving, robots)
-    app.run()
+    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots))
 
 
 def show_recording(player: Player, clock: Clock) -> None:
     """Show a recording in this terminal until the operator leaves it."""
     bar, make = ReplayBar(player, clock), CommandBuilder(None)
-    app: Any = OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar)
-    app.run()
+    _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar))
+
+
+def _run(screen: OperatorScreen) -> None:
+    """Nothing else writes to its terminal."""
+    with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
+        screen.run()

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What others write to the terminal of the screen."""
+
+from __future__ import annotations
+
+import os
+import pty
+import sys
+
+from flexbt_console.ui.screen.standard_error import standard_error_as_lines
+
+
+def test_what_the_middleware_writes_becomes_lines_and_the_screen_keeps_its_terminal() -> None:
+    control, terminal = pty.openpty()
+    before = os.dup(2)
+    told: list[str] = []
+    os.dup2(terminal, 2)
+    try:
+        with standard_error_as_lines(told.append):
+            os.write(2, b'[ERROR] one\n\x1b[2Jtwo\xff\n' + b'x' * 10_000)
+            print('the screen', file=sys.__stderr__, flush=True)
+        os.write(2, b'after\n')
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+    seen = b''
+    while b'after' not in seen:
+        seen += os.read(control, 10_000)
+    assert seen.split() == [b'the', b'screen', b'after']
+    assert told[0] == '[ERROR] one' and 'two' in told[1] and '\x1b' not in told[1]
+    assert ''.join(told[2:]) == 'x' * 10_000 and len(told) < 10
+    for number in (control, terminal):
+        os.close(number)
