@@ -16,6 +16,7 @@ from flexbt_common.calls import ActionCall, ActionLinks
 from flexbt_common.values import from_entry
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import GetUserdata
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -128,3 +129,39 @@ def test_a_run_that_is_kept_busy_is_waited_for_and_the_question_can_be_withdrawn
     assert not patient.done()
     bench.go_on.set()
     assert patient.result(10.0).result.code == Result.SUCCESS
+
+
+class Writes(EventState):
+    """Waits for ever, and would write a goal."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], output_keys=['goal'], desired_rate=None)
+
+
+class Reads(EventState):
+    """Reads a goal when it is executed, which it is not."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], input_keys=['target'], desired_rate=None)
+
+
+def test_who_forces_an_outcome_is_told_what_is_read_and_was_not_written() -> None:
+    def machine() -> OperatableStateMachine:
+        made = OperatableStateMachine(outcomes=['done'])
+        with made:
+            OperatableStateMachine.add('First', Writes(), {'done': 'Second'})
+            OperatableStateMachine.add('Second', Reads(), {'done': 'First'}, remapping={'target': 'goal'})
+        return made
+
+    bench = ExecutiveBench(behavior_of(machine))
+    try:
+        bench.start()
+        bench.wait_active('/First')
+        bench.applied(ExecutiveCommand.FORCE, path='/First', outcome='done')
+        told = bench.logged('/Second follows, and reads what nobody has written: goal')
+        assert told.severity == ExecutiveLog.WARN and told.path == '/First'
+        bench.applied(ExecutiveCommand.FORCE, path='/Second', outcome='done')
+        bench.wait_active('/First')
+        assert len([line for line in bench.logs if 'nobody has written' in line.text]) == 1
+    finally:
+        bench.close()

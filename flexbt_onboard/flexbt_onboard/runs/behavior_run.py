@@ -304,6 +304,14 @@ class BehaviorRun:
             self._why_ended = f'{path}: {error}'
         if reason is ExitReason.FORCED:
             self._observer.log(ExecutiveLog.INFO, path, f'left by {outcome!r}, as the operator wants it')
+            self._tell_unwritten(path, outcome, target)
+
+    def _tell_unwritten(self, path: str, outcome: str, target: str) -> None:
+        """A state that was forced out has not written what it writes otherwise; what follows may read it."""
+        keys = self._machine.unwritten(target) if self._machine is not None and target.startswith('/') else []
+        if keys:
+            text = f'by {outcome!r}, which was forced, {target} follows, and reads what nobody has written'
+            self._observer.log(ExecutiveLog.WARN, path, f'{text}: {", ".join(keys)}')
 
     # -- the thread of the run ---------------------------------------------------------------------------------------
 

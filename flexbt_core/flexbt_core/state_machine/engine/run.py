@@ -406,6 +406,23 @@ class MachineRun:
         self.pausing.has_changed = True
         self.scope = Scope(root.definition.defaults)
 
+    def unwritten(self, path: str) -> list[str]:
+        """What a state or machine reads, of a machine that is active, and nobody has written. On the thread of the run.
+
+        These are keys of the machine that it is in.
+        """
+        machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
+        around, _, label = path.rpartition('/')
+        machine = next((one for one in machines if one.path == (around or ROOT_PATH)), None)
+        if machine is None:
+            return []
+        child = machine.definition.children[label]
+        if isinstance(child, MachineDefinition):
+            keys = [key for key in child.read_inputs if key not in child.defaults]
+        else:
+            keys = list(child.state.input_keys)
+        return [name for key in keys if (name := child.remap.get(key, key)) not in machine.scope]
+
     def _userdata_of_machines(self) -> dict[str, dict[str, Any]]:
         machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
         return {machine.path: machine.scope.values() for machine in machines if machine.is_active}
