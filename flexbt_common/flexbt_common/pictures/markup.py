@@ -27,6 +27,9 @@ MARKS: Final = {
     'Condition': Mark('#f8e0dc', '#5a3330', 'condition'),
     'State': Mark('#fff3c4', '#57501f', 'state'),
     'Outcome': Mark('#dddddd', '#454545', 'outcome of the machine'),
+    'Region': Mark('#e1f0dc', '#2c4a2a', 'where this holds: what is done, and what is left then'),
+    'Goal': Mark('#fff3c4', '#57501f', 'the goal holds'),
+    'Nowhere': Mark('#f8e0dc', '#5a3330', 'no way to the goal any more'),
 }
 """By the class of their elements in a picture."""
 
@@ -47,8 +50,11 @@ LINES: Final = {
     'level1': Line('dashed', 1.2, '#2060c0', '#7fb2ff', '6 3', 'needs more autonomy than Low'),
     'level2': Line('dotted', 1.8, '#1d7a3c', '#74d693', '2 3', 'needs more autonomy than High'),
     'level3': Line('bold', 2.2, '#c03030', '#ff8a80', '', 'is always the operator’s decision'),
+    'planned': Line('bold', 2.2, '#2060c0', '#7fb2ff', '', 'an action ends, and nothing was disturbed'),
+    'onward': Line('solid', 1.0, '#555555', '#b0b0b0', '', 'an action ends, after a disturbance'),
+    'disturbed': Line('dashed', 1.2, '#c03030', '#ff8a80', '6 3', 'somebody else does this'),
 }
-"""By class: transitions, by the level of autonomy that they require. The colours are those of FlexBE."""
+"""By class: transitions, by the level of autonomy that they require, in the colours of FlexBE; and ways of a plan."""
 
 
 def _style() -> str:

@@ -10,6 +10,7 @@
 
 ``model`` has what is planned with, ``search`` finds plans, ``policy`` and ``compaction`` make branches of them,
 ``coverage`` tries these, ``tree_xml`` writes them. ``teams`` has the same for several robots,
+``regions`` makes a map,
 ``measurement`` finds out where a robot begins.
 """
 
@@ -25,6 +26,7 @@ from .planner import Plan, plan
 from .policy import Branch, Policy
 from .problem import Leaf, Problem
 from .reachability import Reachability
+from .regions import Move, MoveKind, Region, RegionKind, RegionMap, region_map
 from .search import Outcome, Progress, SearchResult, Step, search
 from .skill_problem import sensor_leaf, skill_problem
 from .teams import Task, Team, TeamBranch, TeamPlan, TeamPolicy, plan_team, team_problem, team_xml
@@ -43,6 +45,8 @@ __all__ = [
     'Leaf',
     'Measurement',
     'Mission',
+    'Move',
+    'MoveKind',
     'Outcome',
     'Plan',
     'PlanningError',
@@ -50,6 +54,9 @@ __all__ = [
     'Problem',
     'Progress',
     'Reachability',
+    'Region',
+    'RegionKind',
+    'RegionMap',
     'Rule',
     'SearchResult',
     'Step',
@@ -68,6 +75,7 @@ __all__ = [
     'plan_team',
     'read_mission',
     'read_scene',
+    'region_map',
     'search',
     'sensor_leaf',
     'skill_problem',

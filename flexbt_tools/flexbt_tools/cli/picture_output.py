@@ -12,6 +12,7 @@ from typing import Final
 from flexbt_common.errors import ResourceError
 from flexbt_common.pictures import svg
 from flexbt_tools.errors import UsageError
+from flexbt_tools.text_files import write_text
 
 _FORMATS: Final = ('svg', 'dot', 'mermaid')
 _SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
@@ -27,16 +28,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def write(options: argparse.Namespace, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> None:
     """Write the picture that the options ask for, of its lines in a language. Raises UsageError."""
-    chosen = options.format or _SUFFIXES.get(Path(options.output or '').suffix.lower(), 'svg')
-    text = '\n'.join(mermaid() if chosen == 'mermaid' else dot()) + '\n'
-    try:
-        picture = svg(text) if chosen == 'svg' else text
-    except ResourceError as error:
-        raise UsageError(str(error)) from None
+    chosen = options.format or _by_name(options.output or '')
+    picture = _picture(chosen, dot, mermaid)
     if options.output is None:
         sys.stdout.write(picture)
-        return
+    else:
+        write_text(options.output, picture)
+
+
+def write_file(file: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> None:
+    """Write a picture in the language that the name of the file says, SVG otherwise. Raises UsageError."""
+    write_text(file, _picture(_by_name(file), dot, mermaid))
+
+
+def _by_name(file: str) -> str:
+    return _SUFFIXES.get(Path(file).suffix.lower(), 'svg')
+
+
+def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> str:
+    text = '\n'.join(mermaid() if form == 'mermaid' else dot()) + '\n'
     try:
-        Path(options.output).write_text(picture, encoding='utf-8')
-    except OSError as error:
-        raise UsageError(f'{options.output}: cannot be written: {error.strerror}') from error
+        return svg(text) if form == 'svg' else text
+    except ResourceError as error:
+        raise UsageError(str(error)) from None

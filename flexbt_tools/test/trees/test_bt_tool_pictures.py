@@ -196,7 +196,7 @@ def test_no_name_and_no_value_breaks_out(tmp_path_factory: pytest.TempPathFactor
     [cluster] = graph.get_subgraphs()
     assert [node.get_name() for node in cluster.get_nodes()] == ['t0n0']
     mermaid = tool('draw', '--format', 'mermaid', '--ports', 'given', file).out.splitlines()
-    assert len(mermaid) == 1 + 7 + 3
+    assert len(mermaid) == 1 + 10 + 3
     assert re.fullmatch(r'    t0n0\(\["[^"`<>|\[\]\\]*(<br/>[^"`<>|\[\]\\]*)*"\]\):::Action', mermaid[-2])
 
 

@@ -45,6 +45,27 @@ def test_the_call_of_the_page(
     assert tool('check', 'cup.xml', '--allow-unknown').code == 0
 
 
+def test_the_map_of_a_plan(mission: Path, team: Path, tmp_path: Path) -> None:
+    drawn = tmp_path / 'map.mmd'
+    assert tool('plan', str(mission), '--draw', str(drawn)).code == 0
+    text = drawn.read_text()
+    regions = dict(re.findall(r'^  (r\d+)\(\["(.*)"\]\):::', text, re.MULTILINE))
+    way = [re.findall(r'^  start --> (r\d+)$', text, re.MULTILINE)[0]]
+    onward = dict(re.findall(r'^  (r\d+) ==> (r\d+)$', text, re.MULTILINE))
+    while way[-1] in onward:
+        way.append(onward[way[-1]])
+    assert [re.sub(r'\(.*', '', regions[one]) for one in way[:-1]] == [
+        'GoTo', 'GoThrough', 'PickUpCup', 'GoThrough', 'GoTo', 'PutDownCup'
+    ]  # fmt: skip
+    assert regions[way[-1]] == 'the goal<br/>cup_at(office)'
+    assert len(regions) == 14  # as many as there are branches, and the goal
+    shut = re.findall(rf'^  {way[0]} -.->\|"not open\(kitchen_door\)"\| (r\d+)$', text, re.MULTILINE)
+    assert regions[shut[0]].startswith('GoTo(office, hall)<br/>cost left: 69<br/>where<br/>')
+    assert tool('plan', str(team), '--disturbed', '0', '--draw', str(drawn)).code == 0
+    assert len(re.findall(r' ==>\|', drawn.read_text())) == 2 * 4 * 6 + 4 + 6  # each in any order
+    assert tool('plan', str(team), '--draw', str(tmp_path / 'no' / 'map.mmd')).code == 2
+
+
 @pytest.fixture
 def team(tmp_path: Path) -> Path:
     (tmp_path / 'team_skills.yaml').write_text(TEAM_SKILLS)

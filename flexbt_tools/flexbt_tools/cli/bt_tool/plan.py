@@ -37,6 +37,7 @@ from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.text_files import read_text, write_text
 
+from .plan_picture import draw_plan
 from .plan_text import plan_document, plan_summary
 
 _MOST_BYTES: Final = 100_000_000
@@ -59,6 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--start', metavar='LITERAL', action='append', help="holds at the start, instead of the file's; repeatable"
     )
     parser.add_argument('-o', '--output', metavar='FILE', help='the tree (default: the standard output)')
+    parser.add_argument(
+        '--draw', metavar='FILE', help='draw what is done in which states, and what may come: SVG, .dot or .mmd'
+    )
     parser.add_argument('--name', metavar='ID', default='Plan', help='of the tree (default: %(default)s)')
     parser.add_argument(
         '--time-limit',
@@ -101,6 +105,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         raise _refused(options.mission, {}, error) from error
     if options.output is not None and text is not None:
         write_text(options.output, text)
+    if options.draw is not None and text is not None:
+        draw_plan(options.draw, found)
     if options.json:
         print(json.dumps(plan_document(found, text)))
     elif text is not None and options.output is None:

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A plan as a map: a region for each branch (the states in which it is the first that holds), and ways between them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from .coverage import MOST_STATES, Disturbance
+from .model import Domain, bits
+from .planner import Plan
+from .policy import Branch, Policy
+from .teams import TeamBranch, TeamPlan, TeamPolicy
+
+
+class RegionKind(Enum):
+    """What a region is."""
+
+    BRANCH = 'branch'
+    GOAL = 'goal'
+    NOWHERE = 'nowhere'
+
+
+class MoveKind(Enum):
+    """What leads from a region to another one: an action when nothing disturbs, an action otherwise, or others."""
+
+    PLANNED = 'planned'
+    ACTION = 'action'
+    DISTURBANCE = 'disturbance'
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """``actions`` are what is done there, by each robot that does something; ``condition`` the literals of the branch,
+    or the alternatives of the goal;
+    ``left`` what is left to the goal at most: the cost, for several robots the time."""
+
+    kind: RegionKind
+    actions: tuple[str, ...] = ()
+    condition: tuple[str, ...] = ()
+    left: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """From a region to another one, by their places in the list; ``name`` of the action or disturbance."""
+
+    start: int
+    end: int
+    name: str
+    kind: MoveKind
+
+
+@dataclass(frozen=True, slots=True)
+class RegionMap:
+    """The regions that may be come to, in the order of their branches; ``start``: the one in which it begins."""
+
+    regions: tuple[Region, ...]
+    moves: tuple[Move, ...]
+    start: int
+
+
+def region_map(plan: Plan | TeamPlan) -> RegionMap:
+    """The map of a plan, of all states that may come with as many disturbances as it was tried with.
+
+    Raises:
+        ValueError: there is no plan.
+    """
+    policy = plan.policy
+    if policy is None or plan.coverage is None:
+        raise ValueError('there is no plan, and so no map of it')
+    domain = policy.domain
+    initial = domain.state(plan.problem.initial)
+    disturbances = [Disturbance.of(domain, one) for one in plan.problem.disturbances]
+    places = {id(branch): place for place, branch in enumerate(policy.branches)}
+    goal, nowhere = len(places), len(places) + 1
+
+    def place_of(state: int) -> int:
+        if policy.is_reached(state):
+            return goal
+        branch = policy.choose(state)
+        return nowhere if branch is None else places[id(branch)]
+
+    moves: dict[tuple[int, int, str], MoveKind] = {}
+    left = {initial: plan.coverage.disturbed}
+    todo = deque([initial])
+
+    def go(state: int, after: int, rest: int, name: str, kind: MoveKind) -> None:
+        move = place_of(state), place_of(after), name
+        if move[0] != move[1] and moves.get(move) is not MoveKind.PLANNED:
+            moves[move] = kind
+        if left.get(after, -1) < rest:
+            left[after] = rest
+            todo.append(after)
+
+    while todo and len(left) <= MOST_STATES:
+        state = todo.popleft()
+        more = left[state]
+        kind = MoveKind.PLANNED if more == plan.coverage.disturbed else MoveKind.ACTION
+        for action in _actions(policy, state):
+            go(state, domain.result(state, action), more, domain.actions[action].name, kind)
+        for disturbance in disturbances if more else ():
+            after = disturbance.result(state)
+            if after is not None:
+                go(state, after, more - 1, disturbance.name, MoveKind.DISTURBANCE)
+    seen = sorted({place_of(initial), goal, *(one for move in moves for one in move[:2])})
+    number = {place: index for index, place in enumerate(seen)}
+    return RegionMap(
+        tuple(_region(domain, policy, place) for place in seen),
+        tuple(Move(number[begin], number[end], name, kind) for (begin, end, name), kind in moves.items()),
+        number[place_of(initial)],
+    )
+
+
+def _actions(policy: Policy | TeamPolicy, state: int) -> tuple[int, ...]:
+    if policy.is_reached(state):
+        return ()
+    if isinstance(policy, TeamPolicy):
+        return policy.actions(state)
+    branch = policy.choose(state)
+    return () if branch is None else (branch.action,)
+
+
+def _region(domain: Domain, policy: Policy | TeamPolicy, place: int) -> Region:
+    branches: Sequence[Branch | TeamBranch] = policy.branches
+    if place > len(branches):
+        return Region(RegionKind.NOWHERE)
+    if place == len(branches):
+        return Region(RegionKind.GOAL, condition=tuple(' & '.join(_literals(domain, goal)) for goal in policy.goals))
+    branch = branches[place]
+    actions = branch.actions if isinstance(branch, TeamBranch) else (branch.action,)
+    return Region(
+        RegionKind.BRANCH,
+        tuple(domain.actions[action].name for action in actions if action >= 0),
+        _literals(domain, branch.condition),
+        branch.left[0] if isinstance(branch, TeamBranch) else branch.cost,
+    )
+
+
+def _literals(domain: Domain, condition: int) -> tuple[str, ...]:
+    return tuple(domain.literals[literal] for literal in bits(condition))
