@@ -110,6 +110,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=CONSOLES),
     *_actions(names.GET_USERDATA, by=ONBOARD_EXECUTIVE, to=CONSOLES),
     *_actions(names.SYNTHESIZE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(CONSOLE,)),
+    *_actions(names.FLEXBE_SYNTHESIS, by=ONBOARD_EXECUTIVE, to=()),
     *_actions(names.OPERATOR_INPUT, names.EXECUTE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(ONBOARD_EXECUTIVE, BT_SERVER)),
     # The BT server
     *_actions(

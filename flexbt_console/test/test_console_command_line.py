@@ -67,6 +67,9 @@ def test_ros_arguments_are_set_aside() -> None:
         'statsu', 'start', 'confirm a b', 'autonomy', 'autonomy 4', 'autonomy 1 2 3', 'status --nope', 'force a b c',
         'status --timeout', 'status --timeout 0', 'status --timeout nan', 'status --timeout x', 'status --json=1',
         'start D =1', 'start D a=1 x', 'start D --autonomy most', 'input', 'log 0', 'log x', 'stop --json --json',
+        'synthesize', 'synthesize a b', 'synthesize a --file b', 'synthesize a --retries -1',
+        'synthesize a --liveness no',
+        'synthesize a --cancel', 'synthesize --cancel --goal x', 'synthesize a --time-limit 0',
         'note', 'note ' + 'x' * (NOTE_LENGTH + 1),
     ],
 )  # fmt: skip

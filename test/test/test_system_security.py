@@ -23,8 +23,8 @@ NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'console',
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}
 """What the graph calls by which name, and the word of a policy for it."""
 PARTS = re.compile(r'/_action/(feedback|status|send_goal|cancel_goal|get_result)$')
-ON_DEMAND = frozenset({('subscribe', 'clock'), ('subscribe', 'parameter_events')})
-"""What a node joins only with some parameter."""
+ON_DEMAND = frozenset({('subscribe', 'clock'), ('subscribe', 'parameter_events'), ('execute', '/behavior_synthesis')})
+"""What a node joins only with some parameter, or where another package is installed."""
 
 Right = tuple[str, str]
 """What may be done, and with what: ('publish', '/cmd_vel'); an action is a name with the word execute or call."""

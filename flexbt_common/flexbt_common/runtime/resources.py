@@ -34,10 +34,10 @@ MAX_PARTS: Final = 100
 _EXPECTED: Final = 'not a file name; expected package/relative/path or an absolute path'
 
 
-def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
+def resolve_file(name: str, allowed: Sequence[Path] = (), parameter: str = 'allowed_directories') -> Path:
     """Find the file called ``name``.
 
-    ``allowed`` are the directories in which an absolute path may lie.
+    ``allowed`` are the directories in which an absolute path may lie; ``parameter`` is where the user names them.
 
     Raises:
         ResourceError: unknown package, no such file, or a place that is not allowed.
@@ -47,17 +47,17 @@ def resolve_file(name: str, allowed: Sequence[Path] = ()) -> Path:
     if name.count('/') > MAX_PARTS:
         raise ResourceError(f'{name[:80]}...', f'a name of more than {MAX_PARTS} directories')
     try:
-        return _found(name, allowed)
+        return _found(name, allowed, parameter)
     except OSError as error:  # a part of it is longer than the file system takes, for one
         raise ResourceError(name, f'cannot be looked for: {error.strerror}') from error
 
 
-def _found(name: str, allowed: Sequence[Path]) -> Path:
+def _found(name: str, allowed: Sequence[Path], parameter: str) -> Path:
     if not name or '\0' in name or name != name.encode(errors='replace').decode():
         raise ResourceError(repr(name), _EXPECTED)
     name = _in_package(name) or name
     if name.startswith('/'):
-        return _existing(name, _inside_allowed(name, allowed))
+        return _existing(name, _inside_allowed(name, allowed, parameter))
     package, _, rest = name.partition('/')
     relative = PurePosixPath(rest)
     if not rest or relative.is_absolute():
@@ -91,7 +91,7 @@ def _share_of(package: str) -> Path | None:
         return None
 
 
-def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
+def _inside_allowed(name: str, allowed: Sequence[Path], parameter: str) -> Path:
     path = Path(os.path.realpath(name))  # Path.resolve would raise where links go round in circles
     if any(path.is_relative_to(directory.resolve()) for directory in allowed):
         return path
@@ -99,7 +99,7 @@ def _inside_allowed(name: str, allowed: Sequence[Path]) -> Path:
     raise ResourceError(
         name,
         f'lies outside the allowed directories ({places}); '
-        "use package/relative/path, or add its directory to the parameter 'allowed_directories'",
+        f'use package/relative/path, or add its directory to the parameter {parameter!r}',
     )
 
 

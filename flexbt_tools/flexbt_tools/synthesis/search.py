@@ -144,7 +144,7 @@ def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tupl
 def _file(name: str, directories: Sequence[Path]) -> Path:
     """A file by the name of a system, or as ``package/path.yaml``. Raises ResourceError."""
     if '/' in name:
-        return resolve_file(name, directories)
+        return resolve_file(name, directories, 'capability_directories')
     known = {file.stem: file for one in directories for file in sorted(one.glob('*.yaml'))}
     if not _SYSTEM.fullmatch(name) or name not in known:
         among = f'{hint(name, known)}; there are {", ".join(known)}' if known else ''
