@@ -208,7 +208,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
-    *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, by=(SIMULATOR,)),
+    *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, '~/doors', '~/things', by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'amcl/get_state',

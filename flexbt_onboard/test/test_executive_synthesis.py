@@ -110,6 +110,29 @@ def test_what_was_made_is_there_after_a_restart(tmp_path: Path) -> None:
         wait_until(lambda: bench.names == [('Test', 'test'), ('coffee', 'synthesized')], 'both')
 
 
+def test_the_editor_of_flexbe_gets_states_and_the_executive_keeps_nothing(
+    bench: SynthesisBench, tmp_path: Path
+) -> None:
+    action = pytest.importorskip('flexbe_msgs.action').BehaviorSynthesis
+    (tmp_path / 'coffee.yaml').write_text(COFFEE, encoding='utf-8')
+    link = ActionLinks(bench.console).link(action, names.FLEXBE_SYNTHESIS)
+
+    def asked(wanted: str) -> tuple[Any, list[Any]]:
+        goal, done, told = action.Goal(), Future[Any](), list[Any]()
+        goal.request.system, goal.request.name, goal.request.goal = 'coffee', 'Coffee', wanted
+        ActionCall(link, goal, on_done=done.set_result, on_feedback=told.append, server_timeout=DEADLINE)
+        return done.result(DEADLINE).result, told
+
+    made, _ = asked('brew')
+    assert (made.error_code.value, [state.state_path for state in made.states]) == (
+        made.error_code.SUCCESS,
+        ['/', '/grind', '/brew', 'finished'],
+    )
+    refused, told = asked('brew & !grind')
+    assert refused.error_code.value < 0 and 'no machine can do that' in told[-1].status
+    assert bench.names == [('Test', 'test')]
+
+
 CASES = {
     'it crashes': ('import os; os.abort()', 'SIGABRT'),
     'it ends without an answer': ('', 'exit code 0'),
