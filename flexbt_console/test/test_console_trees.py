@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_console.mirror import NodeStatus, StatusChange, TreeNode, Trees
+from flexbt_console.mirror import NodeKind, NodeStatus, StatusChange, TreeNode, Trees
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
-TRUNK = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'reach', 'ReachGoal')]
+TRUNK = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'reach', 'ReachGoal', kind=NodeKind.ACTION)]
 FIRST = [*TRUNK, TreeNode(3, 2, 'look', 'IsAt')]
 SECOND = [*TRUNK, TreeNode(3, 2, 'go', 'GoTo')]
 
@@ -31,6 +31,7 @@ def test_a_run_with_other_nodes_keeps_what_is_known_of_those_that_it_has_still()
     assert status(trees, 1, 1, [RUNNING, RUNNING, SUCCESS], 1, 2, 3)
     structure(trees, 2, SECOND)
     (run,) = trees.runs()
+    assert run.running_leaves == (2,)  # it searches
     assert (run.nodes, run.statuses) == (tuple(SECOND), (RUNNING, RUNNING, NodeStatus.IDLE))
     assert run.since[:2] == (1.0, 1.0) and run.last_end(3) is NodeStatus.IDLE
     assert not status(trees, 2, 1, [RUNNING, RUNNING, SUCCESS])  # of the nodes before

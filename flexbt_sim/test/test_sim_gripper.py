@@ -86,7 +86,7 @@ class Observer:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.doors: dict[str, float] = {}
-        self.things: set[str] = set()
+        self.things: dict[str, str] = {}
         self.holds: str | None = None
         self._runtime = runtime
         runtime.call(self._connect)
@@ -103,7 +103,7 @@ class Observer:
         self.doors = dict(zip(message.name, message.position, strict=True))
 
     def _on_things(self, message: TFMessage) -> None:
-        self.things = {one.child_frame_id for one in message.transforms}
+        self.things = {one.child_frame_id: one.header.frame_id for one in message.transforms}
 
     def _on_holds(self, message: String) -> None:
         self.holds = message.data
@@ -133,13 +133,15 @@ def observer(tmp_path: Any) -> Iterator[Observer]:
 
 
 def test_the_simulator_tells_of_doors_things_and_grippers(observer: Observer) -> None:
-    wait_until(lambda: (observer.doors, observer.things, observer.holds) == ({'gate': 0.0}, {'cup'}, ''), 'the scene')
+    wait_until(
+        lambda: (observer.doors, observer.things, observer.holds) == ({'gate': 0.0}, {'cup': 'map'}, ''), 'the scene'
+    )
     answer = observer.ask(observer.gripper, True)
     assert (answer.success, answer.message) == (True, 'cup')
-    wait_until(lambda: (observer.things, observer.holds) == (set(), 'cup'), 'that it is held')
+    wait_until(lambda: (observer.things, observer.holds) == ({'cup': 'arm'}, 'cup'), 'that it is held')
     answer = observer.ask(observer.gripper, True)
     assert (answer.success, answer.message) == (False, 'arm holds cup; open the gripper first')
     assert observer.ask(observer.gripper, False).success
-    wait_until(lambda: (observer.things, observer.holds) == ({'cup'}, ''), 'that it was put down')
+    wait_until(lambda: (observer.things, observer.holds) == ({'cup': 'map'}, ''), 'that it was put down')
     assert observer.ask(observer.door, True).success
     wait_until(lambda: observer.doors == {'gate': 1.0}, 'the open door')

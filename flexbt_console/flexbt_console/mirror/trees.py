@@ -100,10 +100,13 @@ class TreeRun:
 
     @property
     def running_leaves(self) -> tuple[int, ...]:
-        """The leaves that act now."""
-        parents = {node.parent for node in self.nodes}
+        """The leaves that act now; one below which a tree was made only while that does nothing."""
+        running = [node for node in self.nodes if self.status(node.uid) is NodeStatus.RUNNING]
+        parents, busy = {node.parent for node in self.nodes}, {node.parent for node in running}
         return tuple(
-            node.uid for node in self.nodes if node.uid not in parents and self.status(node.uid) is NodeStatus.RUNNING
+            node.uid
+            for node in running
+            if node.uid not in parents or (node.kind is NodeKind.ACTION and node.uid not in busy)
         )
 
 

@@ -159,6 +159,17 @@ class ScriptedOperator:
 
         self.wait(running, f'tree node {node} running', timeout)
 
+    def wait_happened(self, has_happened: Callable[[], bool], what: str) -> None:
+        """Wait until something has happened while the behavior runs."""
+
+        def seen(view: View) -> bool:
+            happened = has_happened()
+            if not happened:
+                self._check_running(view)
+            return happened
+
+        self.wait(seen, what, DRIVE_TIMEOUT_S)
+
     def wait_driven(self, metres: float) -> None:
         """Wait until the robot has driven so far since the goal was given, and is moving."""
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Final
 
 from sensor_msgs.msg import JointState
@@ -21,19 +22,34 @@ from flexbt_msgs.srv import SetFault
 DOOR: Final = 'kitchen_door'
 CUP: Final = 'cup'
 
+MESSAGES: Final = 1000
+"""Of a topic that may wait: each counts."""
+
 
 class Household:
     """Shuts doors and moves cups. `on_change` is called, on another thread, when something is seen to have changed."""
 
-    def __init__(self, runtime: NodeRuntime, timeline: Timeline, on_change: Callable[[], None]) -> None:
-        self.door_is_open = False
-        """Whether the door of the kitchen is open all the way."""
+    def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float, on_change: Callable[[], None]) -> None:
+        self.times_opened = 0
+        """How often the door of the kitchen came to be open all the way."""
+        self.times_held = 0
+        """How often the robot came to hold the cup."""
         self.held = ''
         """What the robot holds; '' for nothing."""
-        self._simulation = Simulation(runtime, timeline)
+        self._opening = 0.0
+        self._simulation = Simulation(runtime, timeline, speed)
         self._timeline = timeline
         self._on_change = on_change
         runtime.call(lambda: self._subscribe(runtime))
+
+    @property
+    def door_is_shut(self) -> bool:
+        """Whether the door of the kitchen is shut all the way."""
+        return self._opening <= 0.0
+
+    def in_real_time(self) -> AbstractContextManager[None]:
+        """Has the world be as fast as the wall for the time of the context."""
+        return self._simulation.in_real_time()
 
     def shut_door(self) -> None:
         """Have somebody shut the door of the kitchen."""
@@ -68,13 +84,15 @@ class Household:
         return Pose(position.x, position.y, 0.0)
 
     def _subscribe(self, runtime: NodeRuntime) -> None:
-        runtime.node.create_subscription(JointState, 'simulator/doors', self._hear_doors, names.latched())
-        runtime.node.create_subscription(String, names.GRIPPER_HOLDS, self._hear_holds, names.latched())
+        runtime.node.create_subscription(JointState, 'simulator/doors', self._hear_doors, names.latched(MESSAGES))
+        runtime.node.create_subscription(String, names.GRIPPER_HOLDS, self._hear_holds, names.latched(MESSAGES))
 
     def _hear_doors(self, message: JointState) -> None:
-        self.door_is_open = message.position[message.name.index(DOOR)] >= 1.0
+        before, self._opening = self._opening, message.position[message.name.index(DOOR)]
+        self.times_opened += before < 1.0 <= self._opening
         self._on_change()
 
     def _hear_holds(self, message: String) -> None:
+        self.times_held += message.data == CUP != self.held
         self.held = message.data
         self._on_change()

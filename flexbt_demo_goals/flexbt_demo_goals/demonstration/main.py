@@ -61,7 +61,7 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
 
 def _run_script(options: RunOptions, session: Session, timeline: Timeline) -> int:
     operator = session.operator
-    household = Household(session.runtime, timeline, operator.notify)
+    household = Household(session.runtime, timeline, options.speed, operator.notify)
     session.track.restart()
     report = DemoReport(TITLE, dict.fromkeys(BRANCHES, False))
     report.play(lambda: reach_goals(Flat(operator, household), report))

@@ -7,7 +7,6 @@ import math
 from typing import Any, Final
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -17,7 +16,7 @@ from flexbt_core.behavior_tree.model import STRING
 from flexbt_server.leaves import LeafServices, PoseLeaf, TopicCondition
 
 from .rooms import room_at, table_of
-from .scene import DOORS, REACH, THINGS, is_open, position_of
+from .scene import DOORS, REACH, THINGS, is_held, is_open, position_of
 
 AT_TABLE: Final = 0.4
 """The robot is at the table of a room when it stands so near to its place, m."""
@@ -92,13 +91,13 @@ class IsHolding(TopicCondition):
 
     __slots__ = ()
 
-    message_type = String
-    default_topic = names.GRIPPER_HOLDS
+    message_type = TFMessage
+    default_topic = THINGS
     qos = names.latched()
     ports = {**TopicCondition.ports, 'thing': _THING}
 
     def holds(self, message: Any | None) -> bool:
-        return message is not None and message.data == self.get_input('thing')
+        return is_held(message, str(self.get_input('thing')))
 
 
 class IsDoorOpen(TopicCondition):

@@ -13,35 +13,34 @@ from flexbt_core.behavior_tree import NodeStatus, input_port
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_server.leaves import SERVICE_PORTS, LeafServices, ServiceLeaf, TopicCache
 
-from .scene import doors_cache, holds_cache, is_open, position_of, things_cache
+from .scene import doors_cache, is_held, is_open, position_of, things_cache
 
 
 class _Switched(ServiceLeaf):
     """Switches something by SetBool, and waits until what it brings about is told."""
 
-    __slots__ = ('_caches',)
+    __slots__ = ('_cache',)
 
     service_type = SetBool
     wanted: ClassVar[bool] = True
 
     def make_request(self) -> Any:
-        self._caches = self.caches(self.host)
-        for cache in self._caches:
-            cache.on_message(self.context)
+        self._cache = self.cache(self.host)
+        self._cache.on_message(self.context)
         return SetBool.Request(data=self.wanted)
 
     def on_response(self, response: Any) -> NodeStatus:
         if not response.success:
             return self.fail(response.message)
-        return NodeStatus.SUCCESS if self.is_done(*(cache.latest for cache in self._caches)) else NodeStatus.RUNNING
+        return NodeStatus.SUCCESS if self.is_done(self._cache.latest) else NodeStatus.RUNNING
 
     @abstractmethod
-    def caches(self, services: LeafServices) -> list[TopicCache]:
-        """The topics that tell it."""
+    def cache(self, services: LeafServices) -> TopicCache:
+        """The topic that tells it."""
 
     @abstractmethod
-    def is_done(self, *messages: Any) -> bool:
-        """Whether it is so, by the last message of each topic, or None."""
+    def is_done(self, message: Any | None) -> bool:
+        """Whether it is so, by the last message, or None."""
 
 
 class PickUp(_Switched):
@@ -52,12 +51,11 @@ class PickUp(_Switched):
     default_service = names.GRIPPER
     ports = SERVICE_PORTS | {'thing': input_port(STRING, description='name of the thing')}
 
-    def caches(self, services: LeafServices) -> list[TopicCache]:
-        return [holds_cache(services)]
+    def cache(self, services: LeafServices) -> TopicCache:
+        return things_cache(services)
 
-    def is_done(self, *messages: Any) -> bool:
-        (holds,) = messages
-        return holds is not None and holds.data == self.get_input('thing')
+    def is_done(self, message: Any | None) -> bool:
+        return is_held(message, str(self.get_input('thing')))
 
 
 class PutDown(_Switched):
@@ -69,12 +67,11 @@ class PutDown(_Switched):
     wanted = False
     ports = PickUp.ports
 
-    def caches(self, services: LeafServices) -> list[TopicCache]:
-        return [holds_cache(services), things_cache(services)]
+    def cache(self, services: LeafServices) -> TopicCache:
+        return things_cache(services)
 
-    def is_done(self, *messages: Any) -> bool:
-        holds, things = messages
-        return holds is not None and not holds.data and position_of(things, str(self.get_input('thing'))) is not None
+    def is_done(self, message: Any | None) -> bool:
+        return position_of(message, str(self.get_input('thing'))) is not None
 
 
 class OpenDoor(_Switched):
@@ -88,8 +85,8 @@ class OpenDoor(_Switched):
     def service_name(self) -> str:
         return str(self.get_input_or('service_name', '') or f'simulator/doors/{self.get_input("door")}')
 
-    def caches(self, services: LeafServices) -> list[TopicCache]:
-        return [doors_cache(services)]
+    def cache(self, services: LeafServices) -> TopicCache:
+        return doors_cache(services)
 
-    def is_done(self, *messages: Any) -> bool:
-        return is_open(messages[0], str(self.get_input('door')))
+    def is_done(self, message: Any | None) -> bool:
+        return is_open(message, str(self.get_input('door')))

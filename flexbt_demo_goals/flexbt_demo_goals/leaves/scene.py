@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Final
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -14,6 +13,7 @@ from flexbt_server.leaves import LeafServices, TopicCache
 
 THINGS: Final = 'simulator/things'
 DOORS: Final = 'simulator/doors'
+MAP: Final = 'map'
 
 REACH: Final = 0.75
 """From so near the robot picks a thing up, m; its gripper reaches a little farther."""
@@ -23,7 +23,7 @@ OPEN: Final = 0.95
 
 
 def things_cache(services: LeafServices) -> TopicCache:
-    """The topic that tells where things are which nobody holds."""
+    """The topic that tells where things are: on the map, or in the gripper."""
     return services.topics.cache(TFMessage, THINGS, names.latched())
 
 
@@ -32,17 +32,18 @@ def doors_cache(services: LeafServices) -> TopicCache:
     return services.topics.cache(JointState, DOORS, names.latched())
 
 
-def holds_cache(services: LeafServices) -> TopicCache:
-    """The topic that tells what the gripper holds."""
-    return services.topics.cache(String, names.GRIPPER_HOLDS, names.latched())
-
-
 def position_of(message: TFMessage | None, thing: str) -> tuple[float, float] | None:
-    """Where a thing is on the map, m; None where it is not seen."""
+    """Where a thing is on the map, m; None where it is not seen, or held."""
     for one in [] if message is None else message.transforms:
-        if one.child_frame_id == thing:
+        if one.child_frame_id == thing and one.header.frame_id == MAP:
             return one.transform.translation.x, one.transform.translation.y
     return None
+
+
+def is_held(message: TFMessage | None, thing: str) -> bool:
+    """Whether a thing is in the gripper."""
+    transforms = [] if message is None else message.transforms
+    return any(one.child_frame_id == thing and one.header.frame_id != MAP for one in transforms)
 
 
 def is_open(message: JointState | None, door: str) -> bool:

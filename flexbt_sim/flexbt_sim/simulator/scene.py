@@ -2,10 +2,13 @@
 """What somebody who looks at the world would see of doors and things, as latched topics: news, when somebody listens.
 
 ``simulator/doors`` (JointState) has the doors by name, position 0 (closed) to 1 (open); ``simulator/things``
-(TFMessage) the poses of the obstacles that nobody holds.
+(TFMessage) the poses of the obstacles: in the map, or, of one in a gripper, in the robot of this name. So one message
+tells where a thing is and who holds it.
 """
 
 from __future__ import annotations
+
+from typing import Final
 
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
@@ -15,6 +18,8 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.ros_messages import transform
 from flexbt_sim.world import Pose, World
+
+_IN_GRIPPER: Final = Pose(0.0, 0.0, 0.0)
 
 
 class Scene:
@@ -26,7 +31,7 @@ class Scene:
         self._doors = runtime.node.create_publisher(JointState, '~/doors', names.latched())
         self._things = runtime.node.create_publisher(TFMessage, '~/things', names.latched())
         self._told_doors: dict[str, float] | None = None
-        self._told_things: dict[str, Pose] | None = None
+        self._told_things: dict[str, tuple[str, Pose]] | None = None
 
     def tell(self, world: World, stamp: Time) -> None:
         """Say what is not as it was said before."""
@@ -36,9 +41,9 @@ class Scene:
             message = JointState(name=list(doors), position=list(doors.values()))
             message.header.stamp = stamp
             self._doors.publish(message)
-        held = [one.name for one in world.held.values()]
-        things = {name: one.pose for name, one in world.obstacles.items() if name not in held}
+        things = {name: (self._frame, one.pose) for name, one in world.obstacles.items()}
+        things |= {one.name: (robot, _IN_GRIPPER) for robot, one in world.held.items()}
         if things != self._told_things and self._things.get_subscription_count():
             self._told_things = things
-            transforms = [transform(self._frame, name, pose, stamp) for name, pose in things.items()]
+            transforms = [transform(frame, name, pose, stamp) for name, (frame, pose) in things.items()]
             self._things.publish(TFMessage(transforms=transforms))
