@@ -17,6 +17,11 @@ SKILLS, MISSION, TEAM_SKILLS, TEAM = re.findall(r'^```yaml\n(.*?)^```$', PAGE, r
 SUMMARY, TEAM_SUMMARY = re.findall(r'^\$ bt_tool plan .*\n((?:.+\n)+)```$', PAGE, re.MULTILINE)
 
 
+def without_times(text: str) -> str:
+    """A summary without how long it took, and without the progress that is told on a busy machine."""
+    return re.sub(r'^[\d.]+ s: no plan costs .*\n| \(\d+ conditions, .* s\)', '', text, flags=re.MULTILINE)
+
+
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
     (tmp_path / 'cup_skills.yaml').write_text(SKILLS)
@@ -29,7 +34,7 @@ def test_the_example_of_the_page(mission: Path, tmp_path: Path) -> None:
     tree = tmp_path / 'cup.xml'
     done = tool('plan', str(mission), '-o', str(tree))
     assert (done.code, done.out) == (0, '')
-    assert re.sub(r' \(\d+ conditions, .* s\)', '', done.err) == SUMMARY
+    assert without_times(done.err) == SUMMARY
     assert tool('check', str(tree), '--allow-unknown').code == 0
     printed = tool('plan', str(mission), '--quiet')
     assert (printed.out, printed.err) == (tree.read_text(), '')
@@ -78,7 +83,7 @@ def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
     tree = tmp_path / 'team.xml'
     done = tool('plan', str(team), '-o', str(tree))
     assert (done.code, done.out) == (0, '')
-    assert re.sub(r' \(\d+ conditions, .* s\)', '', done.err).startswith(TEAM_SUMMARY.removesuffix('...\n'))
+    assert without_times(done.err).startswith(TEAM_SUMMARY.removesuffix('...\n'))
     assert tool('check', str(tree), '--allow-unknown').code == 0
     told = json.loads(tool('plan', str(team), '--json', '--disturbed', '0').out)
     assert (told['duration'], told['cost'], told['alone']) == (50.0, 80.0, {'red': 80.0, 'blue': 80.0})
