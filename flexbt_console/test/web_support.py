@@ -39,8 +39,7 @@ from flexbt_console.mirror import (
     TreeNode,
     UserdataScope,
 )
-from flexbt_console.ui.web import Access, Link, Station, WebServer
-from flexbt_console.ui.web.run import serving
+from flexbt_console.ui.web import Access, Link, Station, WebServer, serving
 from flexbt_core.clock import ManualClock
 
 NASTY = '<img src=x onerror=alert(1)>'

@@ -2,7 +2,7 @@
 """The operator's page in a browser: a small server on the mirror, and the page, which needs no build step."""
 
 from .access import Access
-from .run import print_address, run_web, screen_application
+from .run import print_address, run_web, screen_application, serving
 from .server import MOST_PAGES, WebServer
 from .station import Link, Obstacles, Robots, Station
 
@@ -17,4 +17,5 @@ __all__ = [
     'print_address',
     'run_web',
     'screen_application',
+    'serving',
 ]

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether the memory of a console stays flat: hours of traffic at its mirror, in fast motion, with a screen or a page.
+
+Statuses twice a second, with a pose that moves and a decision now and then; runs that begin and end, each with its
+machine, its trees and their statuses; transitions, a log that never ends, scans, plans, a map now and then; commands
+of the operator, and their answers; the executive is started again each hour. A screen draws each second of simulated
+time, or the server of the page is asked for it by a page. Prints the resident memory of each simulated hour, in MB:
+after the second it should not grow.
+
+Usage: python3 benchmarks console_memory [--hours H] [--output FILE.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import json
+import math
+import multiprocessing
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from _figures import write_figures
+from aiohttp import ClientSession
+
+from flexbt_console.commands import CommandBuilder, NobodyAsked
+from flexbt_console.mirror import (
+    ActiveState,
+    Command,
+    CommandKind,
+    CommandResult,
+    Decision,
+    DecisionKind,
+    EventKind,
+    ExecutiveEvent,
+    ExecutiveState,
+    Fleet,
+    GridMap,
+    LogLine,
+    Mirror,
+    NodeStatus,
+    Pose,
+    ResultCode,
+    Severity,
+    Snapshot,
+    StateKind,
+    StateStructure,
+    StatusChange,
+    Structure,
+    TreeNode,
+)
+from flexbt_console.ui.screen import OperatorScreen
+from flexbt_console.ui.web import Access, Station, WebServer, serving
+from flexbt_core.clock import ManualClock
+
+STEP = 0.5
+"""Simulated seconds from one status to the next."""
+
+RUN_SECONDS = 60.0
+NODES = 40
+MAP_SECONDS = 600.0
+
+
+class Robot(NobodyAsked):
+    """An executive as its mirror hears it; it is a link, too: it applies what it is sent."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock()
+        self.mirror = Mirror(self.clock)
+        self.make = CommandBuilder('ann')
+        self.results: tuple[CommandResult, ...] = ()
+        self.sequence = 0
+        self._step = 0
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Take a command, which is answered with the next status."""
+        tracked = self.mirror.give(command, timeout, label)
+        self.results = (*self.results[-7:], CommandResult(command.id, ResultCode.APPLIED))
+        return tracked
+
+    def step(self) -> None:
+        """What is heard in half a second."""
+        self._step += 1
+        self.sequence += 1
+        self.clock.advance(STEP)
+        now = self._step * STEP
+        executive, run = f'e{int(now // 3600)}', f'r{int(now // RUN_SECONDS)}'
+        if now % RUN_SECONDS < STEP:
+            self._begin(executive, run, now)
+        state = f'/State{int(now % 50)}'
+        pose = Pose(5.0 + 4.0 * math.cos(now / 10.0), 5.0 + 4.0 * math.sin(now / 7.0), now % 3.0)
+        waits = now % 20.0 < 3.0
+        decision = Decision(f'd{int(now // 20)}', DecisionKind.TRANSITION, state, 'done', ('done',), 2, prompt='so?')
+        self.mirror.receive_snapshot(
+            Snapshot(
+                executive,
+                self.sequence,
+                state=ExecutiveState.RUNNING,
+                run_id=run,
+                behavior='Endurance',
+                active_states=(ActiveState(state, now, ('drives',), tree_run_id=f't{run}'),),
+                decisions=(decision,) if waits else (),
+                results=self.results,
+                robot_pose=pose,
+                stamp=now,
+            )
+        )
+        statuses = [NodeStatus(1 + (uid + self._step) % 3) for uid in range(NODES)]
+        changes = [StatusChange(now, uid + 1, status) for uid, status in enumerate(statuses)]
+        ends = now % RUN_SECONDS >= RUN_SECONDS - STEP
+        self.mirror.receive_tree_status(f't{run}', self.sequence, statuses, changes, now, finished=ends, paused=False)
+        text = f'line {self.sequence} of a log that does not end'
+        self.mirror.receive_log(LogLine(executive, self.sequence, Severity.INFO, text, state, run, now))
+        kind = EventKind.TRANSITION
+        self.mirror.receive_events([ExecutiveEvent(executive, self.sequence, kind, path=state, run_id=run, stamp=now)])
+        around = [math.tau * number / 360 for number in range(360)]
+        reach = 2.0 + math.sin(now)
+        scan = tuple((pose.x + reach * math.cos(angle), pose.y + reach * math.sin(angle)) for angle in around)
+        self.mirror.receive_scan(scan, 3.0)
+        self.mirror.receive_plan(tuple((pose.x + number * 0.05, pose.y) for number in range(200)))
+        if waits and now % 20.0 < STEP:
+            answer = Command(
+                f'c{self.sequence}', CommandKind.CONFIRM, 'ann', executive, run, decision.id, outcome='done'
+            )
+            self.send(answer, 5.0, 'confirm')
+            self.mirror.due_commands(True)
+
+    def _begin(self, executive: str, run: str, now: float) -> None:
+        paths = ['/', *(f'/State{number}' for number in range(50))]
+        kinds = [StateKind.MACHINE, *([StateKind.STATE] * 50)]
+        states = [
+            StateStructure(path, kind, 'State', (), ('done',), ('/State0',))
+            for path, kind in zip(paths, kinds, strict=True)
+        ]
+        self.mirror.receive_structure(Structure(run, f'Endurance {run}', tuple(states)))
+        nodes = [TreeNode(uid, uid // 2, f'node {uid}', 'Sequence') for uid in range(1, NODES + 1)]
+        self.mirror.receive_tree_structure(f't{run}', f'Tree {run}', nodes, now)
+        if now % MAP_SECONDS < RUN_SECONDS:
+            self.mirror.receive_map(GridMap(200, 200, 0.05, 0.0, 0.0, bytes([int(now) % 100]) * 40_000))
+
+
+class Robots:
+    """The one robot, as the server of the page finds it."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.fleet = Fleet()
+        self.own = '/'
+        self._robot = robot
+        self.fleet.add('/', robot.mirror)
+
+    def robot(self, name: str) -> tuple[Mirror, Any]:
+        """The robot."""
+        return self._robot.mirror, self._robot
+
+    def open(self, name: str) -> None:
+        """It is open."""
+
+    def close(self, name: str) -> None:
+        """It stays open."""
+
+
+def resident() -> float:
+    """Resident memory of this process, MB."""
+    gc.collect()
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return round(pages * 4096 / 1e6, 1)
+
+
+def hours(robot: Robot, count: int) -> Iterator[int]:
+    """Live so many hours; gives the number of each step that is to be looked at, one a second."""
+    for step in range(int(count * 3600 / STEP)):
+        robot.step()
+        if step % int(1 / STEP) == 0:
+            yield step
+
+
+async def with_screen(robot: Robot, count: int, note: Callable[[int], None]) -> None:
+    """A screen at the mirror."""
+    robot.step()
+    screen: Any = OperatorScreen(robot.mirror, robot, robot.make, 5.0, robot.clock, 'it ends')
+    async with screen.run_test(size=(120, 36)) as pilot:
+        for step in hours(robot, count):
+            screen.draw()
+            if step % 20 == 0:
+                await pilot.pause()
+            note(step)
+
+
+async def with_page(robot: Robot, count: int, note: Callable[[int], None]) -> None:
+    """A page at the server."""
+    robot.step()
+    access = Access()
+
+    def station(mirror: Mirror, link: Any) -> Station:
+        return Station(mirror, link, robot.make, 5.0)
+
+    server = WebServer(Robots(robot), station, access)
+    async with serving(server.application(), access.address, 0) as port, ClientSession() as session:
+        address = f'http://{access.address}:{port}/link'
+        async with session.ws_connect(address, max_msg_size=0) as socket:
+            await socket.send_json({'hello': None})
+            heard = 0
+
+            async def hear() -> None:
+                nonlocal heard
+                async for _ in socket:
+                    heard += 1
+
+            hearing = asyncio.create_task(hear())
+            for step in hours(robot, count):
+                if step % 60 == 0:  # the page is told so often: its period is of wall time
+                    before = heard
+                    while heard == before:
+                        await asyncio.sleep(0.005)
+                note(step)
+            hearing.cancel()
+
+
+def measure(kind: str, count: int, result: Any) -> None:
+    """In a process of its own."""
+    robot, figures = Robot(), []
+    per_hour = int(3600 / STEP)
+
+    def note(step: int) -> None:
+        if step % per_hour == 0:
+            figures.append(resident())
+            print(f'{kind}: after {step // per_hour} h {figures[-1]} MB', flush=True)
+
+    subject: dict[str, Callable[..., Awaitable[None]]] = {'screen': with_screen, 'page': with_page}
+    asyncio.run(subject[kind](robot, count, note))  # type: ignore[arg-type]
+    figures.append(resident())
+    print(f'{kind}: after {count} h {figures[-1]} MB', flush=True)
+    result.put(figures)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--hours', type=int, default=8, help='simulated')
+    parser.add_argument('--output', type=Path, default=Path('out/console_memory.json'))
+    arguments = parser.parse_args()
+    context, figures = multiprocessing.get_context('spawn'), {}
+    for kind in ('screen', 'page'):
+        result = context.Queue()
+        process = context.Process(target=measure, args=(kind, arguments.hours, result))
+        process.start()
+        figures[kind] = result.get()
+        process.join()
+    print(json.dumps(figures, indent=2))
+    write_figures(arguments.output, figures)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
