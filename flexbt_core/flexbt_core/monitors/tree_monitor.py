@@ -157,6 +157,8 @@ class TreeMonitor:
 
     def went_on(self, leaf: LeafNode, status: NodeStatus) -> None:
         """``on_running`` of a leaf has given another status than RUNNING, which is noted in :attr:`going_on`."""
+        if leaf is self._starting:
+            return  # it begins by asking how it is, and has not begun to work
         self.going_on.add(leaf)
         if status is not SUCCESS and status is not FAILURE:
             return  # one that is SKIPPED stays as it was

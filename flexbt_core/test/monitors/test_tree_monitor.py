@@ -26,6 +26,7 @@ from flexbt_testing.behavior_trees import random_nodes, random_trees, scripted_n
 from flexbt_testing.behavior_trees.seeded_trees import ForgetfulFallback
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
+TWO = '<Sequence><Work name="one"/><Work name="other"/></Sequence>'
 
 
 class Work(StatefulAction):
@@ -160,12 +161,20 @@ def test_a_leaf_that_acts_after_its_halt_is_found() -> None:
 
 
 def test_a_second_result_is_found() -> None:
-    watched = Watched('<Sequence><Work name="one"/><Work name="other"/></Sequence>')
+    watched = Watched(TWO)
     watched.tick()
     assert watched.tick(one=SUCCESS) == []
     Work.results = {'one': SUCCESS}
     watched.leaf('one').on_running()
     assert watched.found[-1].text == 'one gives SUCCESS, and it has ended before, or was halted'
+
+
+def test_a_leaf_that_is_done_as_it_begins_is_sound() -> None:
+    """Its on_start asks its on_running, as that of many leaves does."""
+    watched = Watched(TWO)
+    assert watched.tick(one=SUCCESS) == [] and watched.tick(other=NodeStatus.FAILURE) == []
+    watched.halt()
+    assert watched.found == []
 
 
 def test_a_control_that_nothing_wakes_is_found() -> None:
@@ -176,7 +185,6 @@ def test_a_control_that_nothing_wakes_is_found() -> None:
     assert Watched('<Delay delay_msec="100"><Work/></Delay>').tick() == []
 
 
-TWO = '<Sequence><Work name="one"/><Work name="other"/></Sequence>'
 REQUIREMENTS: list[tuple[str, Requirement, str]] = [
     (TWO, Before('other', 'gate > SUCCESS'), 'other comes without gate > SUCCESS'),
     (TWO, Never('one > SUCCESS'), 'one > SUCCESS happens'),
