@@ -87,16 +87,20 @@ def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
     assert tool('check', str(tree), '--allow-unknown').code == 0
     told = json.loads(tool('plan', str(team), '--json', '--disturbed', '0').out)
     assert (told['duration'], told['cost'], told['alone']) == (50.0, 80.0, {'red': 80.0, 'blue': 80.0})
-    assert told['tasks'][0] == {'robot': 'red', 'action': 'GoTo(red, office, hall)', 'begins': 0.0, 'ends': 10.0}
+    assert told['tasks'][0] == {'robot': 'red', 'action': 'DriveTo(red, office, hall)', 'begins': 0.0, 'ends': 10.0}
 
 
 @pytest.mark.parametrize(
     ('wrong', 'right', 'message'),
     [
-        ('red: [GoTo,', 'red: [GoT,', "team.yaml:2:1: robots: red: there is no skill 'GoT'; did you mean 'GoTo'?"),
+        ('red: [DriveTo,', 'red: [DriveT,', "robots: red: there is no skill 'DriveT'; did you mean 'DriveTo'?"),
         (' {red', ' #{red', 'team.yaml:2:1: robots has to be a mapping'),
-        ('red: [GoTo, PickUp, PutDown], blue: [GoTo, PickUp, PutDown]', '', 'team.yaml:2:1: robots has to name one'),
-        ('red: [GoTo, PickUp, PutDown]', 'red: GoTo', "team.yaml:2:1: robot red has to be a list, not 'GoTo'"),
+        (
+            'red: [DriveTo, TakeCup, LeaveCup], blue: [DriveTo, TakeCup, LeaveCup]',
+            '',
+            'team.yaml:2:1: robots has to name one',
+        ),
+        ('red: [DriveTo, TakeCup, LeaveCup]', 'red: DriveTo', "robot red has to be a list, not 'DriveTo'"),
         ('red: [', "'r d': [", "team.yaml:2:1: robots: 'r d' cannot name a robot"),
         ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is neither"),
     ],

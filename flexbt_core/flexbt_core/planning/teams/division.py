@@ -75,12 +75,12 @@ class Divider:
         better = True
         while better and self._clock() < deadline:
             better = False
+            kept = without
             for others in self._left_to_others(best):
-                tried = self._search(state, deadline, without | others)
+                tried = self._search(state, deadline, kept | others)
                 expanded += tried.expanded
                 if (division := self._better(tried, best)) is not None:
-                    best, without, better = division, without | others, True
-                    break
+                    best, without, better = division, kept | others, True
         self._without = without
         return Divided(best, found, expanded)
 
@@ -126,14 +126,20 @@ class Divider:
         return Division(goal, tuple(plan), tuple(before), tuple(ends(self._domain, plan, before)), cost)
 
     def _left_to_others(self, division: Division) -> list[frozenset[int]]:
-        """What the robot that is done last could leave to others: of each of its actions all that do the same."""
+        """What is not done any more so that the robot that is done last leaves something to the others: of each of its
+        actions all that do the same; at first with what would let the others take the rest from it, too."""
         if not division.plan:
             return []
         last = max(range(len(division.plan)), key=division.ends.__getitem__)
         robot = self._doers[division.plan[last]]
         adds = self._domain.adds
-        kinds = dict.fromkeys(adds[action] for action in division.plan if self._doers[action] == robot)
-        return [
-            frozenset(one for one, doer in enumerate(self._doers) if doer == robot and adds[one] == kind)
-            for kind in kinds
-        ]
+        own = [action for action in division.plan if self._doers[action] == robot]
+        found: list[frozenset[int]] = []
+        for kind in dict.fromkeys(adds[action] for action in reversed(own)):
+            left = {one for one, doer in enumerate(self._doers) if doer == robot and adds[one] == kind}
+            rest = 0
+            for action in own:
+                rest |= adds[action] & ~kind
+            taken = {one for one, doer in enumerate(self._doers) if doer not in ('', robot) and adds[one] & rest}
+            found += [frozenset(left | taken), frozenset(left)]
+        return list(dict.fromkeys(found))
