@@ -91,6 +91,7 @@ class Bench:
 
     def __init__(self, directory: Path) -> None:
         self.world = World()
+        self.clock = ManualClock()
         self.directory = directory
         self.registry = builtin_registry()
         self.registry.register('ReachGoal', ReachGoal)
@@ -137,7 +138,7 @@ class Bench:
             TreeLibrary([load_xml(xml, 't.xml', self.registry)]),
             'T',
             blackboard=board,
-            clock=ManualClock(),
+            clock=self.clock,
             services=self.services,
             on_wake=self.bell.set,
         )
@@ -148,9 +149,12 @@ class Bench:
             status = tree.tick_once()
             if status is not RUNNING:
                 return status
-            if tree.active_nodes(leaves_only=True) == ['reach']:  # a search is on
-                assert self.bell.wait(DEADLINE)
-                self.bell.clear()
+            if tree.active_nodes(leaves_only=True) == ['reach']:  # a search is on, or it waits for sensors
+                if tree.next_wake is None:
+                    assert self.bell.wait(DEADLINE)
+                    self.bell.clear()
+                else:
+                    self.clock.advance(max(0.0, tree.next_wake - self.clock.now()))
         raise AssertionError(f'runs still: {tree.active_nodes()}, {self.world}')
 
 
@@ -198,6 +202,23 @@ def test_a_sensor_that_has_had_no_message_is_waited_for(bench: Bench) -> None:
     bench.world = World(informed=False)
     tree = bench.tree('sensor_timeout="0"')
     assert bench.run(tree) is FAILURE
+    assert tree.failure is not None and 'there is no plan' in tree.failure.reason
+
+
+def test_sensors_may_tell_at_different_moments(bench: Bench) -> None:
+    bench.world.cup = ''  # nobody sees it, and nobody holds it
+    tree = bench.tree()
+    begun = bench.clock.now()
+    while tree.next_wake is None:
+        tree.tick_once()
+        assert bench.clock.now() == begun
+    bench.world.held = True
+    assert bench.run(tree) is SUCCESS and bench.world.cup == 'office'
+    assert bench.world.done == ['PutDownCup'] and bench.clock.now() < begun + 5.0
+
+    bench.world = World(cup='')
+    tree = bench.tree()
+    assert bench.run(tree) is FAILURE and bench.clock.now() >= begun + 5.0
     assert tree.failure is not None and 'there is no plan' in tree.failure.reason
 
 

@@ -61,6 +61,10 @@ SearchClock = Callable[[], float]
 """The time, s; raises Halted when nobody wants the result of the search any more."""
 
 
+class _NoWayError(PlanningError):
+    """From what was measured the goal cannot be reached."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Goal:
     """A mission as it was read, and what of it can be measured."""
@@ -80,13 +84,25 @@ class ReachGoal(ExpandingAction):
     as the mission's ``start`` says. Then the plan is searched in a thread of its own, and its reactive tree runs below
     this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard around it. Where that
     tree gives up, the world is measured and planned for anew, without an action that has failed as often as its
-    manifest allows for.
+    manifest allows for. Where there is no way, it is measured again for ``sensor_timeout``, and planned for what has
+    changed.
 
     SUCCESS when the goal holds. FAILURE with the reason when there is no way, and after the last of the ``attempts``.
     Halting ends the search, or the tree.
     """
 
-    __slots__ = ('_board', '_goal', '_left_out', '_next', '_sensors_by', '_thought', '_tried')
+    __slots__ = (
+        '_board',
+        '_goal',
+        '_hopeless',
+        '_left_out',
+        '_next',
+        '_sensors_by',
+        '_start',
+        '_thought',
+        '_tried',
+        '_why',
+    )
 
     ports = {
         'mission': input_port(STRING, description='its file: package/relative/path, or where trees may be'),
@@ -95,7 +111,7 @@ class ReachGoal(ExpandingAction):
             DOUBLE, default='5.0', description='for each search, s; the best way until then counts'
         ),
         'attempts': input_port(UNSIGNED, default='3', description='how often it is planned at most'),
-        'sensor_timeout': input_port(DOUBLE, default='5.0', description='for the first message of each sensor, s'),
+        'sensor_timeout': input_port(DOUBLE, default='5.0', description='for what sensors have still to tell, s'),
         'plan': output_port(STRING, description='the actions of the plan that runs, in their order'),
     }
     example = Example(
@@ -108,6 +124,9 @@ class ReachGoal(ExpandingAction):
         self._thought: _Thought[Any] | None = None
         self._left_out: set[str] = set()
         self._tried = 0
+        self._start: list[str] = []
+        self._hopeless: list[str] | None = None
+        self._why = ''
 
     @property
     def host(self) -> LeafServices:
@@ -129,6 +148,11 @@ class ReachGoal(ExpandingAction):
     def on_running(self) -> NodeStatus:
         try:
             return self._next()
+        except _NoWayError as error:
+            self._hopeless = self._start
+            self._why = str(error)
+            self._next = self._await_measured
+            return self._await_measured()
         except (PlanningError, SkillError, TreeLoadError, ResourceError) as error:
             return self.fail(str(error))
 
@@ -143,6 +167,7 @@ class ReachGoal(ExpandingAction):
         return self._measure()
 
     def _measure(self) -> NodeStatus:
+        self._hopeless = None
         self._sensors_by = self.clock.now() + float(self.get_input('sensor_timeout'))
         self._next = self._await_measured
         return self._expand(self._goal.measuring, _MEASURING)
@@ -156,6 +181,13 @@ class ReachGoal(ExpandingAction):
             return NodeStatus.RUNNING
         goal, limit, left_out = self._goal, float(self.get_input('time_limit')), frozenset(self._left_out)
         start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
+        if start == self._hopeless:  # sensors may tell at different moments what has happened at once
+            if self.clock.now() >= self._sensors_by:
+                return self.fail(self._why)
+            self.wake_at(self._sensors_by)
+            return NodeStatus.RUNNING
+        self.cancel_wake()
+        self._start = start
         return self._think(lambda clock: _search(self.host, goal, start, left_out, limit, clock), self._carry_out)
 
     def _carry_out(self, found: tuple[Plan, TreeLibrary]) -> NodeStatus:
@@ -274,7 +306,7 @@ def _search(
         if found.outcome is Outcome.TIME_LIMIT:
             bound = '' if math.isinf(found.bound) else f'; none costs less than {found.bound:g}'
             raise PlanningError(f'no plan{without} was found within {limit:g} s{bound}')
-        raise PlanningError(f'there is no plan{without}: {found.reason}')
+        raise _NoWayError(f'there is no plan{without}: {found.reason}')
     return found, _loaded(host, tree_xml(found, _PLANNED))
 
 
