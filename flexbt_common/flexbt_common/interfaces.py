@@ -201,7 +201,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     # The robot
     *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
-    *_services(names.RESET, by=(SIMULATOR,)),
+    *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
     *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES)),
@@ -209,6 +209,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, '~/doors', '~/things', by=(SIMULATOR,)),
+    *_topics(names.GRIPPER_HOLDS, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'amcl/get_state',
