@@ -11,6 +11,7 @@
 from flexbt_core.monitors import Property, Violation
 
 from .choices import Choice, Choices
+from .configuration import Configuration, Memory
 from .explorer import (
     DEFAULT_CONFIGURATIONS,
     DEFAULT_SECONDS,
@@ -27,15 +28,18 @@ from .leaf_models import LeafKind, LeafModel, LeafModels, leaf_model
 from .machine_system import Bounds, MachineSystem, Operator
 from .model import OPERATOR, Counterexample, Label, Move, Report, System, servers_gone
 from .state_models import StateKind, StateModel, StateModels, state_model
-from .tree_system import TreeSystem
+from .tree_system import TREE_LAYOUT, TreeSystem
+from .virtual_time import VirtualClock
 
 __all__ = [
     'DEFAULT_CONFIGURATIONS',
     'DEFAULT_SECONDS',
     'OPERATOR',
+    'TREE_LAYOUT',
     'Bounds',
     'Choice',
     'Choices',
+    'Configuration',
     'Counterexample',
     'Label',
     'LeafKind',
@@ -43,6 +47,7 @@ __all__ = [
     'LeafModels',
     'Limits',
     'MachineSystem',
+    'Memory',
     'Moment',
     'Move',
     'Operator',
@@ -56,6 +61,7 @@ __all__ = [
     'System',
     'TreeSystem',
     'Violation',
+    'VirtualClock',
     'explore',
     'leaf_model',
     'narrate',

@@ -2,6 +2,7 @@
 """Proofs about trees, and how any proof is told: what may happen is followed with the real engines."""
 
 from .kept_proofs import KeptProofs
+from .model_proof import result_as_json, result_lines
 from .moves import moves_of
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
@@ -17,6 +18,8 @@ __all__ = [
     'replay_tree',
     'report_as_json',
     'report_lines',
+    'result_as_json',
+    'result_lines',
     'told_requirements',
     'tree_test',
 ]

@@ -28,10 +28,15 @@ class ProgressLine:
         self._is_shown = is_shown and sys.stderr.isatty()
 
     def tell(self, name: str, progress: Progress) -> None:
-        """Show how far it has come."""
+        """Show how far an exploration has come."""
+        self.show(
+            f'{name}: {progress.configurations} configurations, {progress.waiting} to follow, {progress.seconds:.0f} s'
+        )
+
+    def show(self, text: str) -> None:
+        """Show a text in the place of the one before."""
         if self._is_shown:
-            text = f'{name}: {progress.configurations} configurations, {progress.waiting} to follow'
-            print(f'\r{text}, {progress.seconds:.0f} s'.ljust(79)[:79], end='', file=sys.stderr, flush=True)
+            print(f'\r{text}'.ljust(79)[:79], end='', file=sys.stderr, flush=True)
 
     def end(self) -> None:
         """Take the line away."""

@@ -192,3 +192,39 @@ def test_what_is_required_of_a_behavior_is_about_its_machine() -> None:
     assert code == 1 and '=failed happens; required is: never =failed' in out
     code, _, err = behavior('prove', 'Navigate Split', '--require', 'never /AskGaol')
     assert code == 3 and "Navigate Split has no event '/AskGaol'; did you mean '/AskGoal'?" in err
+
+
+def model(folder: Path, chance: str) -> str:
+    """The model of the guide: up to three tries."""
+    halt = '<bt_halt target="open"><bt_return_halted/></bt_halt>'
+    success, failure = ('<bt_return_status status="SUCCESS"/>', '<bt_return_status status="FAILURE"/>')
+    files = {
+        'main.xml': '<roaml><parameters><max_time value="20" unit="s"/></parameters><behavior_tree>'
+        '<input type="bt.cpp-xml" src="tree.xml"/><input type="bt-plugin-ascxml" src="grasp.ascxml"/></behavior_tree>'
+        '<properties><input type="jani" src="properties.jani"/></properties></roaml>',
+        'tree.xml': '<root BTCPP_format="4"><BehaviorTree ID="Fetch"><RetryUntilSuccessful num_attempts="3">'
+        '<Action ID="Grasp"/></RetryUntilSuccessful></BehaviorTree></root>',
+        'grasp.ascxml': f'<ascxml name="Grasp" version="1.0" initial="open"><state id="open"><bt_tick>'
+        f'<target id="open" prob="{chance}">{success}</target><target id="open">{failure}</target></bt_tick>{halt}'
+        '</state></ascxml>',
+        'properties.jani': '{"properties": [{"name": "fetched", "expression": {"op": "Pmin", "exp": {"op": "F", "exp":'
+        ' {"op": "=", "left": "bt_1000_response__status", "right": 1}}}}]}',
+    }
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    return str(folder / 'main.xml')
+
+
+def test_a_model_is_known_by_its_main_file(tmp_path: Path) -> None:
+    main = model(tmp_path, '0.7')
+    done = tool('prove', main)
+    assert done.code == 1
+    assert 'fetched: CAN FAIL, probability 0.973' in done.out and 'Grasp::2 gives FAILURE' in done.out
+    (found,) = json.loads(tool('prove', main, '--json').out)['properties']
+    assert found['value'] == pytest.approx(0.973) and found['exact'] and found['way']
+    assert tool('prove', main, '--property', 'fetch').code == 2
+    assert tool('prove', main, '--save-test', 'x').code == 2
+    done = tool('prove', main, '--method', 'statistical', '--error', '0.05')
+    assert done.code == 1 and 'statistical: 738 random runs' in done.out
+    done = tool('prove', model(tmp_path, '1.7'))
+    assert done.code == 3 and 'grasp.ascxml:1:' in done.err and 'the probability 1.7' in done.err

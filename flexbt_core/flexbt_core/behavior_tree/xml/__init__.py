@@ -3,7 +3,7 @@
 
 from .format3 import is_format_3, make_format_4
 from .node_elements import elements_of
-from .parser import MAX_BYTES, MAX_DEPTH, Element, parse
+from .parser import MAX_BYTES, MAX_DEPTH, Element, decode, parse
 from .reader import IncludeResolver, load_xml
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     'MAX_DEPTH',
     'Element',
     'IncludeResolver',
+    'decode',
     'elements_of',
     'is_format_3',
     'load_xml',

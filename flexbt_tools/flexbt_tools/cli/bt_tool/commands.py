@@ -26,7 +26,7 @@ COMMANDS: Final = (
     ('draw', draw, 'draw the trees of a file'),
     ('model', model, 'describe the node types that are known here, for editors'),
     ('skills', skills, 'show what leaves need and bring about, and check files of manifests'),
-    ('prove', prove, 'follow all that can happen to a tree, and tell what is wrong'),
+    ('prove', prove, 'follow all that can happen to a tree, or in a model, and tell what is wrong'),
     ('run', run, 'run a tree with mocks, and print what happens'),
     ('plan', plan, 'plan a goal, and write a reactive tree that reaches it'),
     ('log', log, 'print a log file (.btlog) of a run'),

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool prove``: follows all that can happen to a tree, and tells what is wrong with the shortest way to it."""
+"""``bt_tool prove``: follows all that can happen to a tree, and tells what is wrong with the shortest way to it.
+
+The main file of a model in the format of AS2FM is known by its first element: see ``prove_model``.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.proofs import ProgressLine, prove_tree, tree_test
 from flexbt_tools.trees import find_tree, read_library, roots
 
+from . import prove_model
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
@@ -23,9 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     proof_arguments.add_faults(parser, 'servers that are gone for good')
     proof_arguments.add_requirements(parser, 'tree')
     proof_arguments.add_limits(parser)
+    prove_model.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> ExitCode:
+    if prove_model.is_asked(options.files):
+        return prove_model.run(options)
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
     own, by_name = proof_arguments.requirements(options)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""ASCXML, the language of the automata of a model: its files, expressions, types of data and events."""
+
+from .ascxml import Ascxml, Communication, Instance, is_pointer, ports_of
+from .automaton import Action, Around, Automaton, Branches, Local, Send, State, Target, Transition
+from .data_types import DataType, DataTypeError, DataTypes
+from .events import FIELD, SET, TIMER, Events, bt_event, is_waited_for
+from .expressions import (
+    Array,
+    Call,
+    Evaluated,
+    Expression,
+    ExpressionError,
+    Literal,
+    Name,
+    compiled,
+    constant,
+    names_in,
+    parse_expression,
+)
+from .source_text import ModelError, ModelFault, Node, read_text, read_xml
+from .values import Record
+
+__all__ = [
+    'FIELD',
+    'SET',
+    'TIMER',
+    'Action',
+    'Around',
+    'Array',
+    'Ascxml',
+    'Automaton',
+    'Branches',
+    'Call',
+    'Communication',
+    'DataType',
+    'DataTypeError',
+    'DataTypes',
+    'Evaluated',
+    'Events',
+    'Expression',
+    'ExpressionError',
+    'Instance',
+    'Literal',
+    'Local',
+    'ModelError',
+    'ModelFault',
+    'Name',
+    'Node',
+    'Record',
+    'Send',
+    'State',
+    'Target',
+    'Transition',
+    'bt_event',
+    'compiled',
+    'constant',
+    'is_pointer',
+    'is_waited_for',
+    'names_in',
+    'parse_expression',
+    'ports_of',
+    'read_text',
+    'read_xml',
+]

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Automata: states with transitions, whose bodies are compiled to code with addresses, and how one runs by itself.
+
+An automaton rests in a state, or is about to send. What it does between is its own: nobody else sees it. So it runs
+on, from one event, to its next sending or to the next state in which no transition without event can be taken; a
+transition without event has precedence over events, as in SCXML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from .data_types import DataType, DataTypeError
+from .expressions import Evaluated
+from .source_text import ModelFault
+
+_LARGEST: Final = 2**64
+_LONGEST: Final = 10_000
+MAX_STEPS: Final = 20_000
+"""Actions of one automaton in a row that count as a livelock, and open branches of one run."""
+
+
+# -- as it is read ---------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Assign:
+    """``path`` has members (texts) and indexes (functions)."""
+
+    variable: int
+    kind: DataType
+    path: tuple[str | Evaluated, ...]
+    value: Evaluated
+    place: str
+
+
+@dataclass
+class Send:
+    """``values`` in the order of the parameters of the event; None for one that is not sent."""
+
+    event: int
+    values: tuple[Evaluated | None, ...]
+    place: str
+
+
+@dataclass
+class Write:
+    """A value for the blackboard, by an output port of a plugin."""
+
+    uid: int
+    port: str
+    value: Evaluated
+    place: str
+
+
+@dataclass
+class If:
+    branches: list[tuple[Evaluated, list[Action]]]
+    otherwise: list[Action]
+    place: str
+
+
+Action = Assign | Send | Write | If
+
+
+@dataclass
+class Target:
+    probability: float
+    state: str
+    body: list[Action]
+
+
+@dataclass
+class Transition:
+    """``event`` None: it needs none. The targets' probabilities are 1 together."""
+
+    event: int | None
+    condition: Evaluated | None
+    targets: list[Target]
+    place: str
+
+
+@dataclass
+class State:
+    name: str
+    entry: list[Action] = field(default_factory=list)
+    exit: list[Action] = field(default_factory=list)
+    transitions: list[Transition] = field(default_factory=list)
+
+
+# -- as it runs ------------------------------------------------------------------------------------------------------
+
+
+class Local(NamedTuple):
+    """Where an automaton is: ``at`` is a state when it is negative (``-1 - number``), otherwise the address of a
+    sending or writing that is due. ``event`` has the parameters of the event at hand, as long as its body goes on."""
+
+    at: int
+    data: tuple[Any, ...]
+    event: tuple[Any, ...]
+
+
+class _Jump(NamedTuple):
+    address: int
+
+
+class _Unless(NamedTuple):
+    condition: Evaluated
+    address: int
+    place: str
+
+
+class _Enter(NamedTuple):
+    state: int
+
+
+class Around(NamedTuple):
+    """What expressions reach beside data and event: input ports that point to the blackboard, and lots."""
+
+    inputs: Mapping[str, Any]
+    draw: Callable[[], float]
+
+
+_Code = Assign | Send | Write | _Jump | _Unless | _Enter
+Branches = list[tuple[float, Local]]
+
+
+class Automaton:
+    """One automaton of a model, compiled. ``uid`` is the number of the node of the tree that it is, 0 for others."""
+
+    def __init__(
+        self, name: str, data: Sequence[tuple[str, Any]], states: Sequence[State], initial: str, uid: int = 0
+    ) -> None:
+        self.name = name
+        self.uid = uid
+        self.variables = tuple(name for name, _ in data)
+        self.states = tuple(state.name for state in states)
+        self._numbers = {state.name: number for number, state in enumerate(states)}
+        self._code: list[_Code] = []
+        self._free: list[list[tuple[Evaluated | None, list[tuple[float, int]], str]]] = []
+        self._by_event: list[dict[int, list[tuple[Evaluated | None, list[tuple[float, int]], str]]]] = []
+        by_name = {state.name: state for state in states}
+        for state in states:
+            free: list[Any] = []
+            handlers: dict[int, list[Any]] = {}
+            for transition in state.transitions:
+                targets = [
+                    (
+                        target.probability,
+                        self._block([*state.exit, *target.body, *by_name[target.state].entry], target.state),
+                    )
+                    for target in transition.targets
+                ]
+                row = (transition.condition, targets, transition.place)
+                if transition.event is None:
+                    free.append(row)
+                else:
+                    handlers.setdefault(transition.event, []).append(row)
+            self._free.append(free)
+            self._by_event.append(handlers)
+        self.start = Local(self._block(by_name[initial].entry, initial), tuple(value for _, value in data), ())
+        self.received = frozenset(event for handlers in self._by_event for event in handlers)
+
+    def _block(self, body: Sequence[Action], state: str) -> int:
+        address = len(self._code)
+        self._compile(body)
+        self._code.append(_Enter(self._numbers[state]))
+        return address
+
+    def _compile(self, body: Sequence[Action]) -> None:
+        code = self._code
+        for action in body:
+            if not isinstance(action, If):
+                code.append(action)
+                continue
+            ends = []
+            for condition, inner in action.branches:
+                unless = len(code)
+                code.append(_Jump(0))
+                self._compile(inner)
+                ends.append(len(code))
+                code.append(_Jump(0))
+                code[unless] = _Unless(condition, len(code), action.place)
+            self._compile(action.otherwise)
+            for end in ends:
+                code[end] = _Jump(len(code))
+
+    def due(self, local: Local) -> Send | Write | None:
+        """The sending or writing that is due; None when it rests in a state."""
+        return None if local.at < 0 else self._code[local.at]  # type: ignore[return-value]
+
+    def state_of(self, local: Local) -> str:
+        """The state in which it rests; '' while it does not."""
+        return self.states[-1 - local.at] if local.at < 0 else ''
+
+    def handles(self, local: Local, event: int) -> bool:
+        """Whether the state in which it rests has a transition for an event, whatever its condition."""
+        return local.at < 0 and event in self._by_event[-1 - local.at]
+
+    def take(self, local: Local, event: int, values: tuple[Any, ...], around: Around) -> Branches:
+        """What follows when it is given an event in the state in which it rests; it stays there when it takes no
+        transition. Raises ModelFault."""
+        for condition, targets, place in self._by_event[-1 - local.at].get(event, ()):
+            if condition is None or self._value(condition, local.data, values, around, place):
+                return self._run([(p, Local(address, local.data, values)) for p, address in targets], around)
+        return [(1.0, local)]
+
+    def go_on(self, local: Local, around: Around) -> Branches:
+        """What follows when what is due was done. Raises ModelFault."""
+        return self._run([(1.0, local._replace(at=local.at + 1))], around)
+
+    def begin(self, around: Around) -> Branches:
+        """What it does at first. Raises ModelFault."""
+        return self._run([(1.0, self.start)], around)
+
+    def _run(self, ahead: Branches, around: Around) -> Branches:
+        found: Branches = []
+        rounds = 0
+        while ahead:
+            probability, local = ahead.pop()
+            at, data, event = local
+            while True:
+                rounds += 1
+                if rounds > MAX_STEPS:
+                    raise ModelFault(
+                        f'{self.name} keeps itself busy: {MAX_STEPS} actions in a row without sending or waiting'
+                    )
+                action = self._code[at]
+                kind = type(action)
+                if kind is Assign:
+                    data = self._assigned(action, data, event, around)  # type: ignore[arg-type]
+                    at += 1
+                elif kind is Send or kind is Write:
+                    found.append((probability, Local(at, data, event)))
+                    break
+                elif kind is _Unless:
+                    condition, address, place = action  # type: ignore[misc]
+                    at = at + 1 if self._value(condition, data, event, around, place) else address
+                elif kind is _Jump:
+                    at = action.address  # type: ignore[union-attr]
+                else:
+                    state = action.state  # type: ignore[union-attr]
+                    event = ()
+                    targets = self._next(state, data, around)
+                    if targets is None:
+                        found.append((probability, Local(-1 - state, data, ())))
+                        break
+                    for part, address in targets[1:]:
+                        ahead.append((probability * part, Local(address, data, ())))
+                    probability *= targets[0][0]
+                    at = targets[0][1]
+        return found
+
+    def _next(self, state: int, data: tuple[Any, ...], around: Around) -> list[tuple[float, int]] | None:
+        for condition, targets, place in self._free[state]:
+            if condition is None or self._value(condition, data, (), around, place):
+                return targets
+        return None
+
+    def values(self, local: Local, due: Send | Write, around: Around) -> tuple[Any, ...]:
+        """The parameters of what is due, or the value that is written. Raises ModelFault."""
+        functions = due.values if isinstance(due, Send) else (due.value,)
+        return tuple(
+            0 if value is None else self._value(value, local.data, local.event, around, due.place)
+            for value in functions
+        )
+
+    def _assigned(
+        self, action: Assign, data: tuple[Any, ...], event: tuple[Any, ...], around: Around
+    ) -> tuple[Any, ...]:
+        number = action.variable
+        value = self._value(action.value, data, event, around, action.place)
+        if (type(value) is int and not -_LARGEST <= value <= _LARGEST) or (
+            type(value) is str and len(value) > _LONGEST
+        ):
+            raise ModelFault(f'{action.place}: {self.name}: the value is too large for {self.variables[number]}')
+        if action.path:
+            steps = [
+                step if isinstance(step, str) else self._value(step, data, event, around, action.place)
+                for step in action.path
+            ]
+            try:
+                value = action.kind.replaced(data[number], steps, value)
+            except (DataTypeError, TypeError, ValueError) as error:
+                raise ModelFault(f'{action.place}: {self.variables[number]}: {error}') from error
+        return (*data[:number], value, *data[number + 1 :])
+
+    def _value(
+        self, function: Evaluated, data: tuple[Any, ...], event: tuple[Any, ...], around: Around, place: str
+    ) -> Any:
+        try:
+            return function(data, event, around)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            what = str(error.args[0]) if isinstance(error, LookupError) and error.args else str(error)
+            raise ModelFault(f'{place}: {self.name}: the expression has no value: {what}') from error

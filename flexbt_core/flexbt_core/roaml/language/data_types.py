@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The types of data: numbers, truths, texts, arrays (``int32[]``, ``float32[3]``), and structs from files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from flexbt_core.values import hint, load_json
+
+from .source_text import Node, read_text, read_xml
+from .values import Record
+
+_NUMBERS: Final = {
+    **{f'{sign}int{bits}': int for sign in ('', 'u') for bits in (8, 16, 32, 64)},
+    'float32': float,
+    'float64': float,
+}
+_BASE: Final[Mapping[str, type[Any]]] = {'bool': bool, 'string': str, **_NUMBERS}
+_JSON_BASE: Final = {'boolean': 'bool', 'integer': 'int32', 'number': 'float32', 'string': 'string'}
+_ARRAY: Final = re.compile(r'(.*)\[(\d{0,9})\]', re.DOTALL)
+MAX_NESTING: Final = 20
+
+
+class DataTypeError(ValueError):
+    """A type that is not known, or a value that is not of its type."""
+
+
+@dataclass(frozen=True)
+class DataType:
+    """``plain`` is the Python type of a number, truth or text; ``members`` are those of a struct; ``inner`` the type of
+    the elements of an array, which are ``most`` at most."""
+
+    name: str
+    plain: type[Any] | None = None
+    members: Mapping[str, DataType] = field(default_factory=dict)
+    inner: DataType | None = None
+    most: int = 0
+
+    @property
+    def zero(self) -> Any:
+        """What a value is that was never set."""
+        if self.inner is not None:
+            return ()
+        if self.plain is not None:
+            return self.plain()
+        return Record((name, kind.zero) for name, kind in self.members.items())
+
+    def checked(self, value: Any) -> Any:
+        """The value, members in the order of the struct. Raises DataTypeError when it is not of this type."""
+        if self.inner is not None:
+            if not isinstance(value, tuple) or isinstance(value, Record):
+                raise DataTypeError(f'{value!r} is no array, as {self.name} is')
+            if len(value) > self.most:
+                raise DataTypeError(f'{len(value)} elements are more than the {self.most} of {self.name}')
+            return tuple(map(self.inner.checked, value))
+        if self.plain is None:
+            if not isinstance(value, Record) or {key for key, _ in value} != set(self.members):
+                raise DataTypeError(f'{value!r} does not have the members of {self.name}: {", ".join(self.members)}')
+            return Record((name, kind.checked(value.get(name))) for name, kind in self.members.items())
+        if self.plain is float and type(value) is int:
+            return float(value)
+        if type(value) is not self.plain:
+            raise DataTypeError(f'{value!r} is no {self.name}')
+        return value
+
+    def from_text(self, text: str) -> Any:
+        """The value that an attribute of a behavior tree gives a port. Raises DataTypeError."""
+        try:
+            if self.plain is str:
+                return text
+            if self.plain is bool and text.strip() in ('true', 'false'):
+                return text.strip() == 'true'
+            if self.plain is int:
+                return int(text)
+            if self.plain is float:
+                return float(text)
+        except ValueError:
+            pass
+        raise DataTypeError(f'{text!r} is no {self.name}')
+
+    def replaced(self, value: Any, path: Sequence[Any], new: Any) -> Any:
+        """``value``, which is of this type, with ``new`` at the end of a path of members (texts) and indexes.
+
+        An index behind the end makes the array longer. Raises DataTypeError, which is also for what is out of bounds.
+        """
+        if not path:
+            return new
+        step, rest = path[0], path[1:]
+        if isinstance(step, str):
+            return self._with_member(value, step, rest, new)
+        if self.inner is None:
+            raise DataTypeError(f'{self.name} is no array, so it has no element {step!r}')
+        at = int(step)
+        if not 0 <= at < self.most:
+            raise DataTypeError(f'there is no element {step!r}: {self.name} has {self.most} at most')
+        if at >= len(value):
+            value = (*value, *(self.inner.zero,) * (at + 1 - len(value)))
+        return (*value[:at], self.inner.replaced(value[at], rest, new), *value[at + 1 :])
+
+    def _with_member(self, value: Any, name: str, rest: Sequence[Any], new: Any) -> Any:
+        if self.inner is None:
+            kind = self.members.get(name)
+            if kind is None:
+                raise DataTypeError(f'{self.name} has no member {name!r}')
+            return Record((key, kind.replaced(held, rest, new) if key == name else held) for key, held in value)
+        if name == 'length':
+            if type(new) is not int or not 0 <= new <= self.most:
+                raise DataTypeError(f'{self.name} cannot have {new!r} elements')
+            return (*value[:new], *(self.inner.zero,) * (new - len(value)))
+        # A member of all elements, from an array with a value for each.
+        if not isinstance(new, tuple) or len(new) != len(value):
+            raise DataTypeError(f'{new!r} are not the {len(value)} values that {name} of {self.name} needs')
+        return tuple(self.inner.replaced(held, (name, *rest), one) for held, one in zip(value, new, strict=True))
+
+
+class DataTypes:
+    """The types of one model. ``most`` bounds arrays that declare no size."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._structs: dict[str, dict[str, str]] = {}
+
+    def find(self, name: str, nested: int = 0) -> DataType:
+        """Raises DataTypeError."""
+        name = name.strip()
+        if nested > MAX_NESTING:
+            raise DataTypeError(f'{name} is nested more than {MAX_NESTING} deep, or contains itself')
+        plain = _BASE.get(name)
+        if plain is not None:
+            return DataType(name, plain)
+        array = _ARRAY.fullmatch(name)
+        if array is not None:
+            # Of int32[][5] the last is the size of the innermost.
+            base, sizes = name[: name.index('[')], re.findall(r'\[(\d*)\]', name)
+            if len(sizes) > MAX_NESTING:
+                raise DataTypeError(f'an array has {len(sizes)} dimensions; {MAX_NESTING} are the most')
+            kind = self.find(base, nested + 1)
+            for size in reversed(sizes):
+                kind = DataType(name, inner=kind, most=int(size) if size else self._most)
+            return kind
+        members = self._structs.get(name)
+        if members is None:
+            known = (*_BASE, *self._structs)
+            raise DataTypeError(f'the type {name!r} is not known{hint(name, known)}')
+        return DataType(name, members={key: self.find(kind, nested + 1) for key, kind in members.items()})
+
+    def read(self, asked: Node, path: str) -> None:
+        """Add the structs of a file, XML or JSON schema by the ``type`` of what asks for it. Raises ModelError."""
+        kind = asked.need('type')
+        if kind == 'xml':
+            self._read_xml(path, asked)
+        elif kind == 'json':
+            self._read_json(path, asked)
+        else:
+            asked.fail(f'the type {kind!r} of declarations is not known; there are xml and json', 'type')
+        for name in self._structs:
+            try:
+                self.find(name)
+            except DataTypeError as error:
+                asked.fail(f'{path}: {error}')
+
+    def _read_xml(self, path: str, asked: Node) -> None:
+        root = read_xml(path, asked)
+        if root.tag != 'types':
+            root.fail('a file of structs begins with <types>')
+        root.only(('struct',))
+        for struct in root.children:
+            struct.only(('member',))
+            members = {one.need('id'): one.need('type') for one in struct.children}
+            self._add(struct.need('id'), members, struct)
+
+    def _read_json(self, path: str, asked: Node) -> None:
+        try:
+            schema = load_json(read_text(path, asked))
+        except ValueError as error:
+            asked.fail(f'{path} is no JSON: {error}', 'src')
+        if not isinstance(schema, dict) or schema.get('type') != 'object' or not isinstance(schema.get('title'), str):
+            asked.fail(f'{path} is no schema of an object with a title', 'src')
+        self._from_schema(schema, schema, schema['title'], asked, 0)
+
+    def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: Node, nested: int) -> str:
+        """The name of the type that a schema describes; structs are added."""
+        if nested > MAX_NESTING or not isinstance(schema, dict):
+            asked.fail(f'the schema of {name!r} is no object, or is nested more than {MAX_NESTING} deep')
+        reference = schema.get('$ref')
+        if reference is not None:
+            steps = str(reference).split('/')
+            schema = root
+            for step in steps[1:]:
+                schema = schema.get(step) if isinstance(schema, dict) else None
+            if steps[0] != '#' or not isinstance(schema, dict):
+                asked.fail(f'the schema refers to {reference!r}, which is not there; write "#/$defs/NAME"')
+            name = steps[-1]
+        kind = schema.get('type')
+        if kind == 'array':
+            return f'{self._from_schema(root, schema.get("items"), name, asked, nested + 1)}[]'
+        if kind == 'object':
+            inner = schema.get('properties')
+            if not isinstance(inner, dict) or not inner:
+                asked.fail(f'the schema of {name!r} has no properties')
+            members = {key: self._from_schema(root, one, key, asked, nested + 1) for key, one in inner.items()}
+            self._add(name, members, asked)
+            return name
+        if kind not in _JSON_BASE:
+            asked.fail(
+                f'the schema of {name!r} has the type {kind!r}; there are object, array, {", ".join(_JSON_BASE)}'
+            )
+        return _JSON_BASE[kind]
+
+    def _add(self, name: str, members: dict[str, str], asked: Node) -> None:
+        if name in _BASE or self._structs.get(name, members) != members:
+            asked.fail(f'the type {name!r} is declared twice, and not in the same way')
+        self._structs[name] = members

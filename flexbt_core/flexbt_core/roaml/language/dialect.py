@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The elements of ASCXML for ROS and for behavior trees: which event each means, and how its body names the message."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from .events import FIELD
+
+_Roots = Mapping[tuple[str, ...], str]
+"""Names in a body, by members, and the parameters of the event that they stand for."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """A declaration: which attribute (or child) has the name of the interface in ROS."""
+
+    attribute: str
+
+
+INTERFACES: Final[Mapping[str, Interface]] = {
+    'ros_topic_publisher': Interface('topic'),
+    'ros_topic_subscriber': Interface('topic'),
+    'ros_service_server': Interface('service_name'),
+    'ros_service_client': Interface('service_name'),
+    'ros_action_server': Interface('action_name'),
+    'ros_action_client': Interface('action_name'),
+}
+
+
+@dataclass(frozen=True)
+class Callback:
+    """A transition by an event, in whose name that of the interface and that of the automaton are to be filled in.
+
+    ``roots`` are the names in its body, by members, and what parameters they stand for. ``code``: the value that the
+    parameter of this name has to have.
+    """
+
+    interface: str
+    event: str
+    roots: _Roots
+    code: int | None = None
+
+
+_GOAL: Final[_Roots] = {('_action', 'goal_id'): 'goal_id', ('_goal',): FIELD}
+_RESULT: Final[_Roots] = {
+    ('_action', 'goal_id'): 'goal_id',
+    ('_wrapped_result', 'code'): 'code',
+    ('_wrapped_result', 'result'): FIELD,
+}
+_RESULT_EVENT: Final = 'action_{0}_result_handle_client_{1}'
+PLAIN_ROOTS: Final[_Roots] = {('_event', 'data'): ''}
+
+CALLBACKS: Final[Mapping[str, Callback]] = {
+    'ros_topic_callback': Callback('ros_topic_subscriber', 'topic_{0}_msg', {('_msg',): FIELD}),
+    'ros_service_handle_request': Callback('ros_service_server', 'srv_{0}_request', {('_req',): FIELD}),
+    'ros_service_handle_response': Callback('ros_service_client', 'srv_{0}_response_client_{1}', {('_res',): FIELD}),
+    'ros_action_handle_goal': Callback('ros_action_server', 'action_{0}_goal_handle', _GOAL),
+    'ros_action_handle_feedback': Callback(
+        'ros_action_client',
+        'action_{0}_feedback_handle_client_{1}',
+        {('_action', 'goal_id'): 'goal_id', ('_feedback',): FIELD},
+    ),
+    'ros_action_handle_success_result': Callback('ros_action_client', _RESULT_EVENT, _RESULT, 4),
+    'ros_action_handle_canceled_result': Callback('ros_action_client', _RESULT_EVENT, _RESULT, 5),
+    'ros_action_handle_aborted_result': Callback('ros_action_client', _RESULT_EVENT, _RESULT, 6),
+    'ros_action_handle_thread_start': Callback('ros_action_server', 'action_{0}_thread_start', _GOAL),
+    'ros_action_handle_thread_free': Callback('ros_action_server', 'action_{0}_thread_free', {}),
+}
+"""The codes are those of action_msgs/GoalStatus."""
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """The sending of an event of an interface, which has fields, and ``extra`` parameters from attributes."""
+
+    interface: str
+    event: str
+    extra: tuple[str, ...] = ()
+    code: int | None = None
+
+
+TRIGGERS: Final[Mapping[str, Trigger]] = {
+    'ros_topic_publish': Trigger('ros_topic_publisher', 'topic_{0}_msg'),
+    'ros_service_send_request': Trigger('ros_service_client', 'srv_{0}_req_client_{1}'),
+    'ros_service_send_response': Trigger('ros_service_server', 'srv_{0}_response'),
+    'ros_action_send_goal': Trigger('ros_action_client', 'action_{0}_goal_req_client_{1}'),
+    'ros_action_accept_goal': Trigger('ros_action_server', 'action_{0}_goal_accepted', ('goal_id',)),
+    'ros_action_reject_goal': Trigger('ros_action_server', 'action_{0}_goal_rejected', ('goal_id',)),
+    'ros_action_start_thread': Trigger('ros_action_server', 'action_{0}_thread_start', ('goal_id', 'thread_id')),
+    'ros_action_feedback': Trigger('ros_action_server', 'action_{0}_feedback', ('goal_id',)),
+    'ros_action_succeed': Trigger('ros_action_server', 'action_{0}_result', ('goal_id',), 4),
+    'ros_action_canceled': Trigger('ros_action_server', 'action_{0}_result', ('goal_id',), 5),
+    'ros_action_aborted': Trigger('ros_action_server', 'action_{0}_result', ('goal_id',), 6),
+    'ros_action_thread_free': Trigger('ros_action_server', 'action_{0}_thread_free'),
+}
+
+BT_CALLBACKS: Final[Mapping[str, str]] = {'bt_tick': 'tick', 'bt_halt': 'halt'}
+BT_CHILD_CALLBACKS: Final[Mapping[str, str]] = {
+    'bt_child_status': 'response_told',
+    'bt_child_halted': 'halt_response_told',
+}
+BT_CHILD_TRIGGERS: Final[Mapping[str, str]] = {'bt_tick_child': 'tick_asked', 'bt_halt_child': 'halt_asked'}
+"""Between a plugin with children and the tree, which ticks the children: so the events are not those of the child."""
+
+STATUSES: Final[Mapping[str, int]] = {'SUCCESS': 1, 'FAILURE': 2, 'RUNNING': 3}
+"""What expressions and properties write for the status of a node."""
+
+TRANSITIONS: Final = (
+    'transition',
+    'ros_rate_callback',
+    'ros_action_handle_goal_response',
+    *CALLBACKS,
+    *BT_CALLBACKS,
+    *BT_CHILD_CALLBACKS,
+)
+ACTIONS: Final = (
+    'assign',
+    'if',
+    'send',
+    *TRIGGERS,
+    'bt_return_status',
+    'bt_return_halted',
+    'bt_set_output',
+    *BT_CHILD_TRIGGERS,
+)

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""XML elements with their file, and errors that tell the place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final, NoReturn
+
+from flexbt_core.behavior_tree import LoadError, TreeLoadError
+from flexbt_core.behavior_tree.model import Source
+from flexbt_core.behavior_tree.xml import MAX_BYTES, Element, decode, parse
+from flexbt_core.values import hint
+
+_TAG_END: Final = re.compile(r'[^<>]*>')
+
+
+class ModelError(TreeLoadError):
+    """A file of a model that is refused: file, line, what is wrong, and what to do."""
+
+
+class ModelFault(Exception):
+    """A model that cannot go on: it computes what has no value, or keeps itself busy. Names file, line and value."""
+
+
+class Node:
+    """An element of XML and the file that it is in. Prefixes of namespaces are left out of its tag."""
+
+    __slots__ = ('children', 'element', 'source', 'tag')
+
+    def __init__(self, element: Element, source: Source) -> None:
+        self.element = element
+        self.source = source
+        self.tag = element.tag.rpartition(':')[2]
+        self.children = tuple(Node(child, source) for child in element.children)
+
+    @property
+    def line(self) -> int:
+        return self.source.position(self.element.offset)[0]
+
+    @property
+    def place(self) -> str:
+        """File and line, for messages."""
+        return f'{self.source.file}:{self.line}'
+
+    def fail(self, message: str, attribute: str = '') -> NoReturn:
+        """Raise ModelError for this element, or for one of its attributes."""
+        raise ModelError([self.error(message, attribute)])
+
+    def error(self, message: str, attribute: str = '') -> LoadError:
+        offset = self.element.offsets.get(attribute, self.element.offset)
+        return self.source.error(offset, message, f'<{self.tag}>')
+
+    def get(self, name: str) -> str | None:
+        return self.element.attributes.get(name)
+
+    def need(self, name: str) -> str:
+        """An attribute that has to be there, and not empty. Raises ModelError."""
+        value = self.get(name)
+        if value is None or not value.strip():
+            self.fail(f'the attribute [{name}] is missing or empty; write {name}="..."', name)
+        return value
+
+    def number(self, name: str, most: float = 1e9) -> float:
+        """An attribute that is a number above 0, up to a bound. Raises ModelError."""
+        text = self.need(name)
+        try:
+            value = float(text)
+        except ValueError:
+            value = 0.0
+        if not 0.0 < value <= most:
+            self.fail(f'{text!r} is no number above 0, up to {most:g}', name)
+        return value
+
+    def find(self, tag: str) -> Node | None:
+        """The only child of this tag. Raises ModelError when there are several."""
+        found = [child for child in self.children if child.tag == tag]
+        if len(found) > 1:
+            found[1].fail(f'<{tag}> is given twice; remove one of them')
+        return found[0] if found else None
+
+    def all(self, *tags: str) -> Iterator[Node]:
+        return (child for child in self.children if child.tag in tags)
+
+    def only(self, tags: Iterable[str]) -> None:
+        """Raise ModelError for a child that is none of these."""
+        known = tuple(tags)
+        for child in self.children:
+            if child.tag not in known:
+                child.fail(f'this element is not known in <{self.tag}>{hint(child.tag, known)}')
+
+    @property
+    def text(self) -> str:
+        """The text within the element, up to its first child."""
+        end = max([self.element.offset + 1, *self.element.offsets.values()])
+        text = self.source.text
+        if self.element.offsets:
+            last = max(self.element.offsets, key=self.element.offsets.__getitem__)
+            quote = min(at for at in (text.find(mark, end + len(last)) for mark in '"\'') if at >= 0)
+            end = text.find(text[quote], quote + 1) + 1
+        match = _TAG_END.match(text, end)
+        if match is None or match.group().endswith('/>'):
+            return ''
+        return text[match.end() : text.find('<', match.end())].strip()
+
+
+def read_text(path: str, asked: Node | None = None) -> str:
+    """The text of a file of the model. Raises ModelError, which names the element that asked for it."""
+    try:
+        return decode(Path(path).read_bytes(), path, MAX_BYTES)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or str(error)
+        message = f'the file {path} cannot be read: {reason}; correct the path, which is relative to this file'
+        if asked is not None:
+            asked.fail(message, 'src')
+        raise ModelError([LoadError(path, 1, 1, '', f'the file cannot be read: {reason}')]) from error
+
+
+def read_xml(path: str, asked: Node | None = None) -> Node:
+    """The root element of a file of the model. Raises TreeLoadError."""
+    source = Source(path, read_text(path, asked))
+    return Node(parse(source), source)

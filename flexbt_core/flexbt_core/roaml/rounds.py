@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rounds: all that follows when timers are due, up to when time has to go on.
+
+What follows does not depend on when that is, so a round is played once for each state and each set of timers. Through
+time a model is then a chain of rounds, whose probabilities are added up time by time.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from .paths import Path
+from .system import State, Step
+
+GOOD: Final = -1
+BAD: Final = -2
+_STEPS: Final = 4_000
+"""Steps in one round, after which the model is followed in another way."""
+
+Outcomes = list[tuple[float, int]]
+"""Probabilities, and numbers of states, GOOD or BAD."""
+Made = tuple[State, Step, State]
+
+
+class EndlessError(Exception):
+    """A round that does not come to its end, or depends on the time."""
+
+
+class Layer(NamedTuple):
+    """The states at one time, and for each the place of one that led to it in the layer before."""
+
+    states: array[int]
+    parents: array[int]
+
+
+class Rounds:
+    """The states at which time goes on, by numbers, and the rounds between them."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._states: list[State] = []
+        self._numbers: dict[State, int] = {}
+        self._known: dict[tuple[int, tuple[int, ...]], Outcomes] = {}
+        self.stuck = ''
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def first(self) -> Outcomes:
+        """What follows at the beginning. Raises EndlessError."""
+        return self._played(dict(_merged(self._path.system.initial())))
+
+    def after(self, number: int, time: int) -> Outcomes:
+        """What follows from a state when time has gone on to ``time``, in ns. Raises EndlessError."""
+        key = (number, self._path.system.due_at(time))
+        found = self._known.get(key)
+        if found is None:
+            found = self._known[key] = self._played({self._begun(number, time): 1.0})
+            if not self._path.system.is_timeless:
+                raise EndlessError
+        return found
+
+    def at_end(self, number: int) -> int:
+        """GOOD or BAD, when time is over."""
+        return GOOD if self._path.at_end(self._states[number]) else BAD
+
+    def _begun(self, number: int, time: int) -> State:
+        return self._states[number]._replace(time=time, due=0)
+
+    def _played(self, ahead: dict[State, float]) -> Outcomes:
+        found: dict[int, float] = {}
+        for _ in range(_STEPS):
+            then: dict[State, float] = {}
+            for state, whole in ahead.items():
+                outcome, steps = self._decided(state)
+                if outcome is not None:
+                    found[outcome] = found.get(outcome, 0.0) + whole
+                    continue
+                for step in steps:
+                    for part, after in self._path.system.follow(state, step):
+                        probability = whole * part / len(steps)
+                        then[after] = then.get(after, 0.0) + probability
+            if not then:
+                return [(probability, number) for number, probability in found.items()]
+            ahead = then
+        raise EndlessError
+
+    def _decided(self, state: State) -> tuple[int | None, list[Step]]:
+        """Where a step leads to at last, when that is known; otherwise what can follow."""
+        path = self._path
+        decided = path.decided(state, 0)
+        if decided is not None:
+            return (GOOD if decided else BAD), []
+        steps = path.steps(state)
+        if steps and steps[0].kind != 'time':
+            return None, steps
+        if not steps and path.system.is_blocked(state):
+            self.stuck = self.stuck or path.system.waiting(state)
+            return (GOOD if path.at_end(state) else BAD), []
+        rest = State(0, -1, state.locals, (), state.tree, state.seen, 0)
+        number = self._numbers.get(rest)
+        if number is None:
+            number = self._numbers[rest] = len(self._states)
+            self._states.append(rest)
+        return number, []
+
+    def steps_to(self, number: int | None, time: int, goal: int) -> list[Made]:
+        """The steps of the shortest way through one round to where it leads; ``number`` None: from the beginning."""
+        path = self._path
+        begins = [state for _, state in path.system.initial()] if number is None else [self._begun(number, time)]
+        come: dict[State, Made | None] = dict.fromkeys(begins)
+        ahead = list(begins)
+        for state in ahead:
+            outcome, steps = self._decided(state)
+            if outcome == goal:
+                made: list[Made] = []
+                one = come[state]
+                while one is not None:
+                    made.append(one)
+                    one = come[one[0]]
+                return made[::-1]
+            for step in steps:
+                for _, after in path.system.follow(state, step):
+                    if after not in come:
+                        come[after] = (state, step, after)
+                        ahead.append(after)
+        return []
+
+
+def _merged(followers: list[tuple[float, State]]) -> list[tuple[State, float]]:
+    found: dict[State, float] = {}
+    for probability, state in followers:
+        found[state] = found.get(state, 0.0) + probability
+    return list(found.items())
+
+
+class Flow:
+    """Probability that flows through time, round by round. Attributes: ``good`` and ``bad``, what has come there."""
+
+    def __init__(self, rounds: Rounds, path: Path, may_go_on: Callable[[int, int], bool]) -> None:
+        self._rounds = rounds
+        self._path = path
+        self._may_go_on = may_go_on
+        self._layers: list[Layer] = []
+        self._times: list[int] = []
+        self._fails: tuple[int, int] | None = None
+        self.good = self.bad = 0.0
+        self.states = 0
+
+    def run(self) -> bool:
+        """Whether all was followed. Raises EndlessError."""
+        now: dict[int, float] = {}
+        for probability, number in self._rounds.first():
+            self._add(now, number, probability, 0)
+        self._layers.append(Layer(array('l', now), array('l', [0] * len(now))))
+        self._times.append(0)
+        for time in self._path.system.times():
+            if not now:
+                break
+            then: dict[int, float] = {}
+            parents = array('l')
+            for place, (number, whole) in enumerate(now.items()):
+                if place % 256 == 0 and not self._may_go_on(self.states, len(now) - place):
+                    return False
+                for part, after in self._rounds.after(number, time):
+                    if self._add(then, after, whole * part, place):
+                        parents.append(place)
+            self._layers.append(Layer(array('l', then), parents))
+            self._times.append(time)
+            now = then
+        for place, (number, whole) in enumerate(now.items()):
+            self._add({}, self._rounds.at_end(number), whole, place)
+        return True
+
+    def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
+        """Whether it is new at this time."""
+        if number < 0:
+            if number == GOOD:
+                self.good += probability
+            else:
+                self.bad += probability
+            wanted = GOOD if self._path.asked.is_negated else BAD
+            if number == wanted and self._fails is None:
+                self._fails = (len(self._layers), place)
+            return False
+        known = now.get(number)
+        now[number] = probability if known is None else known + probability
+        self.states += known is None
+        return known is None
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the property fails on a way."""
+        return self._fails is not None
+
+    def way(self) -> tuple[str, ...]:
+        """The way to where the property has failed first, in words."""
+        if self._fails is None:
+            return ()
+        layer, place = self._fails
+        goal = GOOD if self._path.asked.is_negated else BAD
+        made: list[list[Made]] = []
+        while layer > 0:
+            before = self._layers[layer - 1]
+            number = before.states[place]
+            if layer < len(self._layers):
+                made.append(self._rounds.steps_to(number, self._times[layer], goal))
+            goal = number
+            place = before.parents[place]
+            layer -= 1
+        made.append(self._rounds.steps_to(None, 0, goal))
+        lines: list[str] = []
+        for time, steps in zip(self._times, reversed(made), strict=False):
+            inner = [line for one in steps for line in self._path.system.narrate(*one)]
+            if time and inner:
+                lines.append(f'at {time / 1e9:g} s')
+            lines += inner
+        return tuple(lines)
