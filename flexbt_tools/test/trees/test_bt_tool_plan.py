@@ -164,7 +164,7 @@ def test_what_is_wrong_is_told_with_its_place(mission: Path, wrong: str, right: 
 
 def test_wrong_words_are_refused(mission: Path) -> None:
     assert tool('plan', str(mission.with_name('none.yaml'))).code == 2
-    for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name']):
+    for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name'], ['--name', 'a/b']):
         assert tool('plan', str(mission), *words).code == 2
     mission.write_bytes(b'goal: \xff')
     assert f'{mission}: cannot be read: byte 7 is no UTF-8' in tool('plan', str(mission)).err

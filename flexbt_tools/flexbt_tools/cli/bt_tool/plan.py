@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import LoadError
+from flexbt_core.behavior_tree.model import model_name_problem
 from flexbt_core.planning import (
     Outcome,
     Plan,
@@ -63,7 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--draw', metavar='FILE', help='draw what is done in which states, and what may come: SVG, .dot or .mmd'
     )
-    parser.add_argument('--name', metavar='ID', default='Plan', help='of the tree (default: %(default)s)')
+    parser.add_argument(
+        '--name', metavar='ID', type=_tree_id, default='Plan', help='of the tree (default: %(default)s)'
+    )
     parser.add_argument(
         '--time-limit',
         metavar='SECONDS',
@@ -81,6 +84,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--quiet', action='store_true', help='no progress, and no summary')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)
+
+
+def _tree_id(text: str) -> str:
+    problem = model_name_problem(text)
+    if problem:
+        raise argparse.ArgumentTypeError(problem)
+    return text
 
 
 def _number(text: str) -> int:

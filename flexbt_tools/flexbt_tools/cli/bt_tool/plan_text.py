@@ -23,7 +23,8 @@ def plan_summary(found: Plan | TeamPlan) -> list[str]:
     tried = f'tried in {coverage.states} states ({"all" if coverage.complete else "not all"} that may come with'
     times = f'{coverage.disturbed} disturbance{"" if coverage.disturbed == 1 else "s"}'
     if isinstance(found, TeamPlan):
-        times += ', also a robot that is lost, whichever action ends first'
+        times += ', a lost robot among them' if coverage.disturbed and len(found.team.robots) > 1 else ''
+        times += ', whichever action ends first'
     shown.append(
         f'{len(found.policy.branches)} branches; {tried} {times}): '
         f'the goal is {coverage.longest} actions away at most ({spent})'
