@@ -3,11 +3,11 @@
 
 Statuses twice a second, with a pose that moves and a decision now and then; runs that begin and end, each with its
 machine, its trees and their statuses; transitions, a log that never ends, scans, plans, a map now and then; commands
-of the operator, and their answers; the executive is started again each hour. A screen draws each second of simulated
-time, or the server of the page is asked for it by a page. Prints the resident memory of each simulated hour, in MB:
+of the operator, and their answers; the executive is started again each hour. A screen draws every so many seconds of
+simulated time, or a page waits for what its server tells then. Prints the resident memory after each hour, in MB:
 after the second it should not grow.
 
-Usage: python3 benchmarks console_memory [--hours H] [--output FILE.json]
+Usage: python3 benchmarks console_memory [--hours H] [--look S] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -169,27 +169,26 @@ def resident() -> float:
     return round(pages * 4096 / 1e6, 1)
 
 
-def hours(robot: Robot, count: int) -> Iterator[int]:
-    """Live so many hours; gives the number of each step that is to be looked at, one a second."""
+def hours(robot: Robot, count: int, look: int) -> Iterator[int]:
+    """Live so many hours; gives the simulated second at every ``look`` seconds."""
     for step in range(int(count * 3600 / STEP)):
         robot.step()
-        if step % int(1 / STEP) == 0:
-            yield step
+        if step % int(look / STEP) == 0:
+            yield int(step * STEP)
 
 
-async def with_screen(robot: Robot, count: int, note: Callable[[int], None]) -> None:
+async def with_screen(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
     """A screen at the mirror."""
     robot.step()
     screen: Any = OperatorScreen(robot.mirror, robot, robot.make, 5.0, robot.clock, 'it ends')
     async with screen.run_test(size=(120, 36)) as pilot:
-        for step in hours(robot, count):
+        for second in hours(robot, count, look):
             screen.draw()
-            if step % 20 == 0:
-                await pilot.pause()
-            note(step)
+            await pilot.pause()
+            note(second)
 
 
-async def with_page(robot: Robot, count: int, note: Callable[[int], None]) -> None:
+async def with_page(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
     """A page at the server."""
     robot.step()
     access = Access()
@@ -210,27 +209,25 @@ async def with_page(robot: Robot, count: int, note: Callable[[int], None]) -> No
                     heard += 1
 
             hearing = asyncio.create_task(hear())
-            for step in hours(robot, count):
-                if step % 60 == 0:  # the page is told so often: its period is of wall time
-                    before = heard
-                    while heard == before:
-                        await asyncio.sleep(0.005)
-                note(step)
+            for second in hours(robot, count, look):
+                before = heard
+                while heard == before:  # the period of the page is of wall time
+                    await asyncio.sleep(0.005)
+                note(second)
             hearing.cancel()
 
 
-def measure(kind: str, count: int, result: Any) -> None:
+def measure(kind: str, count: int, look: int, result: Any) -> None:
     """In a process of its own."""
     robot, figures = Robot(), []
-    per_hour = int(3600 / STEP)
 
-    def note(step: int) -> None:
-        if step % per_hour == 0:
+    def note(second: int) -> None:
+        if second % 3600 == 0:
             figures.append(resident())
-            print(f'{kind}: after {step // per_hour} h {figures[-1]} MB', flush=True)
+            print(f'{kind}: after {second // 3600} h {figures[-1]} MB', flush=True)
 
     subject: dict[str, Callable[..., Awaitable[None]]] = {'screen': with_screen, 'page': with_page}
-    asyncio.run(subject[kind](robot, count, note))  # type: ignore[arg-type]
+    asyncio.run(subject[kind](robot, count, look, note))  # type: ignore[arg-type]
     figures.append(resident())
     print(f'{kind}: after {count} h {figures[-1]} MB', flush=True)
     result.put(figures)
@@ -239,12 +236,13 @@ def measure(kind: str, count: int, result: Any) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--hours', type=int, default=8, help='simulated')
+    parser.add_argument('--look', type=int, default=20, help='simulated seconds from one look to the next, of 3600')
     parser.add_argument('--output', type=Path, default=Path('out/console_memory.json'))
     arguments = parser.parse_args()
     context, figures = multiprocessing.get_context('spawn'), {}
     for kind in ('screen', 'page'):
         result = context.Queue()
-        process = context.Process(target=measure, args=(kind, arguments.hours, result))
+        process = context.Process(target=measure, args=(kind, arguments.hours, arguments.look, result))
         process.start()
         figures[kind] = result.get()
         process.join()

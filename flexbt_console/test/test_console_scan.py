@@ -19,7 +19,7 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.link import SurroundingsLink
 from flexbt_console.link.scan_link import SCAN_SECONDS
-from flexbt_console.mirror import Change, Mirror, Points
+from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose
 from flexbt_console.ui.screen.glyphs import ASCII
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_core.clock import ManualClock
@@ -156,3 +156,11 @@ def test_a_scan_that_is_none_is_left_aside(robot_and_console: tuple[Lidar, Conso
         lidar.scan(**fields)
     assert until_shown(lidar, console, 5.0, 2.0) != ()
     assert all(math.isfinite(part) for point in console.scan for part in point)
+
+
+def test_the_name_of_a_place_at_the_edge_is_read() -> None:
+    known = Mirror(ManualClock(), {'corridor': Pose(9.9, 0.5), 'dock': Pose(0.1, 0.5), 'a' * 60: Pose(5.0, 5.0)})
+    known.receive_map(GridMap(100, 60, 0.1, 0.0, 0.0, bytes(6000)))
+    shown = MapPane(ASCII).draw(known.view(), 40, 12).plain
+    assert 'corridoro' in shown and 'odock' in shown
+    assert all(len(line) <= 40 for line in shown.splitlines())

@@ -121,7 +121,7 @@ class MapCanvas:
             dots.update(dict.fromkeys(_line_dots(path, frame), layer))
         drawn = self._characters(dots, frame)
         for name, pose in places.items():
-            self._write(drawn, frame, (pose.x, pose.y), self._signs.place + one_line(name), Layer.PLACE)
+            self._write(drawn, frame, (pose.x, pose.y), self._signs.place, Layer.PLACE, one_line(name))
         for column, row in _met(around.scan, walls, frame):
             drawn[row][column] = _MET, Layer.SCAN
         if around.goal is not None:
@@ -150,13 +150,17 @@ class MapCanvas:
         return drawn
 
     @staticmethod
-    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, text: str, layer: Layer) -> None:
+    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer, name: str = '') -> None:
+        """A sign at a point, and a name behind it; where there is no room, before it."""
         at = frame.cell(point)
         if at is None:
             return
-        for place, sign in enumerate(text, at[0]):
+        begin, text = at[0], sign + name
+        if begin + len(text) > frame.columns and len(name) <= begin:
+            begin, text = begin - len(name), name + sign
+        for place, character in enumerate(text, begin):
             if place < frame.columns:
-                drawn[at[1]][place] = sign, layer
+                drawn[at[1]][place] = character, layer
 
     def _walls_of(self, map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
         if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
