@@ -213,9 +213,10 @@ class _Exploration:
             self._note(violation, moves)
         for violation, moves in graph.lost(system.requirements.possible, self._position):
             self._note(violation, moves)
-        # After what is wrong nothing was followed.
-        for missing in sorted(system.promised() - system.covered()) if self._is_complete and not graph.broken else ():
-            text = f'"{missing}" can never happen: nothing that can be reached leads to it'
+        # What is wrong may be why something is never reached: after it nothing was followed.
+        is_known = self._is_complete and not self._found.violations
+        for missing in sorted(system.promised() - system.covered()) if is_known else ():
+            text = f'"{missing}" can never be reached: nothing that can happen leads to it'
             self._note(Violation(Property.REACHABLE, missing, text), ())
         for found, count in self._found.counts.items():
             if count > _ALIKE:

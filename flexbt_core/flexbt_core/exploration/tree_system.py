@@ -318,8 +318,8 @@ class TreeSystem:
         return frozenset(node.path for node in self._tree.nodes)
 
     def promised(self) -> frozenset[str]:
-        """Nothing: a tree need not be able to fail, or to succeed."""
-        return frozenset()
+        """All nodes: one that nothing can ever tick is dead. The tree need not be able to fail, or to succeed."""
+        return self.coverable()
 
     # -- the host ----------------------------------------------------------------------------------------------------
 

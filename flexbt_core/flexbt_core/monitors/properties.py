@@ -15,7 +15,7 @@ class Property(Enum):
     ONE_OWNER = 'an actuator has one owner'
     NO_LIVELOCK = 'nothing goes round without waiting for anything'
     NO_DEADLOCK = 'something can always happen'
-    REACHABLE = 'every outcome can be reached'
+    REACHABLE = 'every outcome, and every node of a tree, can be reached'
     CAN_END = 'it can always still end'
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
