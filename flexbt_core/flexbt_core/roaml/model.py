@@ -154,6 +154,8 @@ class Model:
             for node in self.tree.nodes:
                 events.send(bt_event(node.uid, 'response'), ('status',))
             for instance in self.tree.instances:
+                events.send(bt_event(instance.uid, 'tick'))
+                events.send(bt_event(instance.uid, 'halt'))
                 for child in instance.children:
                     events.send(bt_event(child, 'response_told'), ('status',))
                     events.send(bt_event(child, 'halt_response_told'))
@@ -161,6 +163,10 @@ class Model:
                 events.send(SET + key, ('value',))
         self._automata = [one for file in files for one in file.automata()]
         self._of_tree = [one for file in self._plugins for one in file.automata()]
+        received = {event for automaton in self._of_tree for event in automaton.received}
+        for instance in self.tree.instances if self.tree is not None else ():
+            if self.tree is not None and events.number(bt_event(instance.uid, 'tick')) not in received:
+                plugins[self.tree.plugin(instance.uid)].fail('no state of this plugin has <bt_tick>: it never answers')
         self._between = [handler.automaton() for handler in self._handlers]
         return whole
 

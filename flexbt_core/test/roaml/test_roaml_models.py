@@ -384,6 +384,22 @@ def test_the_tree_is_ticked_on_only_if_it_is_asked(tmp_path: Path) -> None:
         assert checked(main).value == expected
 
 
+def test_a_plugin_that_never_answers_is_refused(tmp_path: Path) -> None:
+    tree = '<root><BehaviorTree ID="T"><Mute/></BehaviorTree></root>'
+    plugins = {'Mute': 'idle|<state id="idle"><transition event="bt_tick" target="idle"/></state>'}
+    main = write(tmp_path, {'asked': finally_(ROOT, 1)}, plugins=plugins, tree=tree)
+    with pytest.raises(TreeLoadError, match='no state of this plugin has <bt_tick>'):
+        Model(str(main))
+
+
+def test_a_halt_that_nobody_answers_is_told(tmp_path: Path) -> None:
+    tree = '<root><BehaviorTree ID="T"><Inverter><Deaf/></Inverter></BehaviorTree></root>'
+    deaf = 'idle|<state id="idle"><bt_tick target="idle"><bt_return_status status="SUCCESS"/></bt_tick></state>'
+    main = write(tmp_path, {'asked': finally_(ROOT, 2)}, plugins={'Deaf': deaf}, tree=tree)
+    result = checked(main)
+    assert (result.value, result.notes) == (0.0, ('stuck: the tree waits for the answer of Deaf::2',))
+
+
 def test_a_plugin_may_be_a_control(tmp_path: Path) -> None:
     either = """idle|<bt_declare_port_in key="CHILDREN_COUNT" type="int8"/>
         <datamodel><data id="at" type="int8" expr="0"/><data id="count" type="int8">
