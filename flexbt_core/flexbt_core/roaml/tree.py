@@ -23,6 +23,7 @@ from flexbt_core.behavior_tree import (
     NodeRegistry,
     NodeStatus,
     PortType,
+    RegistrationError,
     Tree,
     TreeLibrary,
     TreeNode,
@@ -540,12 +541,9 @@ def _library(path: str, text: str, plugins: Mapping[str, Ports]) -> TreeLibrary:
             name: inout_port(optional=True) if is_output else input_port(optional=True)
             for name, (is_output, _) in ports.items()
         }
-        registry.register(
-            id,
-            type(
-                base.__name__,
-                (base,),
-                {'__slots__': (), '__module__': __name__, 'kind': kind, 'ports': declared},
-            ),
-        )
+        namespace = {'__slots__': (), '__module__': __name__, 'kind': kind, 'ports': declared}
+        try:
+            registry.register(id, type(base.__name__, (base,), namespace))
+        except RegistrationError as error:
+            raise ModelError([LoadError(path, 1, 1, f'<{id}>', f'its plugin cannot be used: {error}')]) from error
     return TreeLibrary().stage([load_xml(text, path, registry)])

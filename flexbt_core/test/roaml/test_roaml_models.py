@@ -522,3 +522,11 @@ def test_a_value_that_grows_without_bound_is_told(tmp_path: Path) -> None:
     main = write(tmp_path, {'asked': finally_('e.valid')}, nodes=nodes)
     with pytest.raises(ModelFault, match='too large for n'):
         checked(main)
+
+
+def test_a_port_that_no_tree_can_have_is_refused(tmp_path: Path) -> None:
+    tree = '<root><BehaviorTree ID="T"><Try/></BehaviorTree></root>'
+    plugins = {'Try': TRY.replace('key="chance"', 'key="1.0"')}
+    main = write(tmp_path, {'asked': finally_(ROOT, 1)}, plugins=plugins, tree=tree)
+    with pytest.raises(TreeLoadError, match=re.escape("port name '1.0' has to begin with a letter")):
+        Model(str(main))
