@@ -12,13 +12,13 @@ from typing import Any, cast
 
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
 
 from flexbt_console.link.messages import snapshot_record
 from flexbt_console.mirror import ExecutiveState, Mirror
 from flexbt_core.clock import ManualClock
 from flexbt_core.exploration import Bounds, Choices, MachineSystem, Operator
 from flexbt_core.state_machine import define
+from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.behaviors import RunGoals
 from flexbt_onboard.link import status_of
 from flexbt_onboard.runs import LastRun, RunSnapshot
@@ -56,7 +56,7 @@ class Robot:
         self._snapshot = RunSnapshot(**{**vars(self._snapshot), **fields, 'is_stopping': self.run.is_ending})
         ended = self.run.outcome
         shown = self._snapshot if ended is None else LastRun(1, RUN, 'Test', ended)
-        status = status_of(shown, [], [], [], PoseStamped(), NOBODY, [], '')
+        status = status_of(shown, [], [], [], ExecutiveStatus().robot_pose, NOBODY, [], '')
         self._sent += 1
         status.executive_id, status.sequence = 'robot', self._sent
         return snapshot_record(status)
