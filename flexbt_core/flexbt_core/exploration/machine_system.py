@@ -107,7 +107,7 @@ _UNSEEN: Final = {
     MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
     LeafRun: frozenset(('entered_at',)),
     # Without a violation it follows from where the run is.
-    MachineMonitor: frozenset(('_visits', '_approvals', '_is_taken', '_is_ending', '_outcome')),
+    MachineMonitor: frozenset(('_visits', '_approvals', '_holders', '_is_ending', '_outcome')),
     VirtualClock: frozenset(('time',)),
 }
 _VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.path, decision.outcome)}}

@@ -51,7 +51,7 @@ class MachineMonitor:
         self._approvals = Approvals()
         self.requirements = Requirements(requirements, lambda: self._run.clock.now(), found)
         self._has_requirements = bool(self.requirements.requirements)
-        self._is_taken = False  # an actuator, in this step or one before; it may have two owners
+        self._holders: set[str] = set()  # states that were entered, and have actuators; some may have been left
         self._is_ending = False
         self._outcome: str | None = None
         self._run: MonitoredRun
@@ -73,7 +73,7 @@ class MachineMonitor:
         if self._is_ending:
             self._found(Violation(Property.STOP_STOPS, path, f'{path} was entered although the run ends'))
         if path in self.resources:
-            self._is_taken = True
+            self._holders.add(path)
         if self._has_requirements:
             self.requirements.event(path)
 
@@ -99,6 +99,7 @@ class MachineMonitor:
     def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
         if (wrong := self._visits.passed_on(path)) is not None:
             self._found(wrong)
+        self._holders.discard(path)
         if self._has_requirements and outcome:
             left = f'{path} > {outcome}'
             self.requirements.follows(left, target)
@@ -108,7 +109,7 @@ class MachineMonitor:
 
     def rests(self) -> None:
         run = self._run
-        if self._is_taken:
+        if len(self._holders) > 1:
             holds = run.pausing.holds
             active = [state for state in run.active_states() if state.path in self.resources]
             owners = [state for state in active if state.is_entered or state.halting() is not None]
@@ -116,7 +117,7 @@ class MachineMonitor:
                 (state.path, self.resources[state.path]) for state in owners if not holds(state.path)
             ):
                 self._found(wrong)
-            self._is_taken = len(owners) > 1  # one that stands still may go on beside the other
+            self._holders = {state.path for state in owners}  # one that stands still may go on beside the other
         if self._has_requirements:
             self.requirements.rests(run.pausing.is_paused)
             if self.requirements.aparts:
