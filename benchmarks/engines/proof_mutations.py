@@ -2,7 +2,8 @@
 """How many seeded defects a proof finds: random sound missions, and the same with one defect each.
 
 Machines: a transition leads to the wrong target. Trees: a Sequence where a ReactiveSequence was, a control that forgets
-to cancel, a delay that nothing wakes, two owners of the base, a key that may not be written. The sound ones must give
+to cancel, a delay that nothing wakes, two owners of the base, a key that may not be written, attempts without a limit,
+which never end when a server is gone for good. The sound ones must give
 no alarm, and each alarm must replay on an engine of its own.
 
 Usage: python3 benchmarks proof_mutations [--number N] [--seed N] [--show] [--output FILE.json]

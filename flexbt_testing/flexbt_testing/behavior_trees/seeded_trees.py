@@ -25,9 +25,9 @@ from flexbt_core.exploration import TreeSystem
 from flexbt_core.monitors import While
 from flexbt_core.skills import Skill
 
-DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key')
+DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key', 'endless attempts')
 """A Sequence where a ReactiveSequence was; a control that halts no sibling; a delay that sets no alarm; a Parallel of
-what was in sequence; a plan that may be left out."""
+what was in sequence; a plan that may be left out; attempts without a limit, which go on when a server is gone."""
 
 
 class StandIn(StatefulAction):
@@ -157,5 +157,8 @@ def _stage(chance: random.Random, place: int, defect: str, guards: list[While]) 
         return (
             f'{plan}<Parallel success_count="2">{both}</Parallel>' if defect else f'{plan}<Sequence>{both}</Sequence>'
         )
+    if kind == 'endless attempts':
+        number = -1 if defect else 2
+        return f'{plan}<RetryUntilSuccessful num_attempts="{number}">{drive}</RetryUntilSuccessful>'
     attempts = f'<RetryUntilSuccessful num_attempts="2">{plan}</RetryUntilSuccessful>'
     return (f'<ForceSuccess>{attempts}</ForceSuccess>' if defect else attempts) + drive
