@@ -4,7 +4,8 @@
 The nodes are an executive that writes its event log, with states that end at once, each in a step of its own, and a BT
 server that streams the statuses of a tree of 10 nodes, of which one leaf is RUNNING. With and without take turns; what
 counts is the processor time of all threads of the process, by transition and by tick, and the least of the rounds: what
-else the machine does only adds to it.
+else the machine does only adds to it. The share is what the monitors add to the engine, of what the node takes in all:
+it is told apart from noise, as the ratio of the nodes is not on a busy machine.
 
 Usage: python3 benchmarks monitors [--rounds N] [--output FILE.json]
 """
@@ -35,7 +36,8 @@ from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.server_world import install_nodes, open_world
 
-TARGET: Final = 1.03
+TARGET: Final = 0.03
+"""Most of a transition, or of a tick, on the nodes."""
 TRANSITIONS: Final = 5000
 TICKS: Final = 10_000
 BODY: Final = (
@@ -135,13 +137,17 @@ def _fail(violation: Any) -> None:
     raise AssertionError(violation)
 
 
-SUBJECTS: Final[dict[str, tuple[Callable[[bool], float], bool]]] = {
-    'transition on the executive': (transition_on_executive, True),
-    'tick on the BT server': (tick_on_server, True),
-    'transition of the engine alone': (transition_of_engine, False),
-    'tick of the engine alone': (tick_of_engine, False),
+SUBJECTS: Final[dict[str, Callable[[bool], float]]] = {
+    'transition on the executive': transition_on_executive,
+    'tick on the BT server': tick_on_server,
+    'transition of the engine alone': transition_of_engine,
+    'tick of the engine alone': tick_of_engine,
 }
-"""What is measured, and whether the target is for that."""
+PAIRS: Final = {
+    'transition on the executive': 'transition of the engine alone',
+    'tick on the BT server': 'tick of the engine alone',
+}
+"""What is measured on the nodes, and what of it is the engine."""
 
 
 def measure(subject: Callable[[bool], float], rounds: int) -> dict[str, float]:
@@ -165,14 +171,17 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as directory:
         install_nodes(Path(directory), _monitored_nodes.__name__)
         print(f'{"microseconds":34}{"without":>9}{"with":>9}{"ratio":>8}')
-        for name, (subject, _) in SUBJECTS.items():
+        for name, subject in SUBJECTS.items():
             found = figures[name] = measure(subject, options.rounds)
             print(f'{name:34}{found["without, us"]:9.2f}{found["with, us"]:9.2f}{found["ratio"]:8.3f}', flush=True)
-    print(f'target: at most {TARGET:g} on the nodes')
-    write_figures(options.output, figures)
-    return (
-        0 if all(figures[name]['ratio'] <= TARGET for name, (_, is_aimed_at) in SUBJECTS.items() if is_aimed_at) else 1
-    )
+    shares = {}
+    for node, engine in PAIRS.items():
+        added = figures[engine]['with, us'] - figures[engine]['without, us']
+        shares[node] = added / figures[node]['without, us']
+        print(f'share of a {node}: {shares[node]:.1%}')
+    print(f'target: at most {TARGET:.0%}')
+    write_figures(options.output, {**figures, 'shares': shares})
+    return 0 if max(shares.values()) <= TARGET else 1
 
 
 if __name__ == '__main__':
