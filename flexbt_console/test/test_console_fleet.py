@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import random
-import threading
-from collections.abc import Iterator
 
 import pytest
 
@@ -21,6 +18,7 @@ from flexbt_console.mirror import (
     Fleet,
     Mirror,
     Pose,
+    RobotOverview,
     Snapshot,
     StandstillWatch,
     Urgency,
@@ -112,8 +110,16 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     fleet.add('/late', late)
     monkeypatch.setattr(robots, 'QUIET_SECONDS', 0.0)
     monkeypatch.setattr(robots, 'HEAR_SECONDS', 60.0)
-    with heard_later(late):
-        assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    look = fleet.overview
+
+    def heard_after_the_look() -> list[RobotOverview]:
+        found = look()
+        late.receive_snapshot(RUNS)
+        return found
+
+    monkeypatch.setattr(fleet, 'overview', heard_after_the_look)
+    assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    monkeypatch.setattr(fleet, 'overview', look)
     told = capsys.readouterr().out.splitlines()
     assert len(told) == 2 and all('RUNNING' in line for line in told)
 
@@ -123,12 +129,3 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     (silent,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
     assert silent['urgency'] == 'silent'
     clock.close()
-
-
-@contextlib.contextmanager
-def heard_later(mirror: Mirror) -> Iterator[None]:
-    """Its first status comes from another thread, some time after now."""
-    timer = threading.Timer(0.3, mirror.receive_snapshot, [RUNS])
-    timer.start()
-    yield
-    timer.join()

@@ -23,8 +23,16 @@ NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'console',
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}
 """What the graph calls by which name, and the word of a policy for it."""
 PARTS = re.compile(r'/_action/(feedback|status|send_goal|cancel_goal|get_result)$')
-ON_DEMAND = frozenset({('subscribe', 'clock'), ('subscribe', 'parameter_events'), ('execute', '/behavior_synthesis')})
-"""What a node joins only with some parameter, or where another package is installed."""
+ON_DEMAND = frozenset(
+    {
+        ('subscribe', 'clock'),
+        ('subscribe', 'parameter_events'),
+        ('execute', '/behavior_synthesis'),
+        ('reply', '/gripper'),
+        ('publish', '/gripper_holds'),
+    }
+)
+"""What a node joins only with some parameter, or where another package is installed, or the robot has a gripper."""
 
 Right = tuple[str, str]
 """What may be done, and with what: ('publish', '/cmd_vel'); an action is a name with the word execute or call."""

@@ -32,7 +32,7 @@ class AtMost:
     times: int
 
     def __str__(self) -> str:
-        return f'{self.event} at most {self.times} times'
+        return f'{self.event} at most {self.times} time{"" if self.times == 1 else "s"}'
 
 
 @dataclass(frozen=True)
@@ -192,6 +192,7 @@ class Requirements:
     def rests(self, is_paused: bool) -> None:
         """Whether something is overdue. Time in which the run is paused does not count."""
         if not self.due:
+            self.paused_at = None
             return
         now = self._now()
         if is_paused or self.paused_at is not None:
@@ -228,7 +229,7 @@ class Requirements:
         elif isinstance(one, AtMost):
             count = self.counts[name] = min(self.counts.get(name, 0) + 1, one.times + 1)
             if count > one.times:
-                self._tell(one, event, f'{event} happens more than {one.times} times')
+                self._tell(one, event, f'{event} happens more than {_times(one.times)}')
         elif isinstance(one, Before):
             if event == one.event:
                 if name not in self.met:
@@ -262,3 +263,7 @@ def _events(one: Requirement) -> set[str]:
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
     """That something does not fulfil a requirement."""
     return Violation(Property.REQUIREMENT, where, f'{what}; required is: {requirement}')
+
+
+def _times(number: int) -> str:
+    return 'once' if number == 1 else f'{number} times'

@@ -122,6 +122,10 @@ class TreeMonitor:
         elif self._is_woken_only and not opened:
             self._check_wakes()
 
+    def paused(self, is_paused: bool) -> None:
+        """The tree is paused from now on, or goes on: the time of requirements stands still meanwhile."""
+        self.requirements.rests(is_paused)
+
     def halted(self) -> None:
         """The tree was halted."""
         for leaf in self._open:
@@ -222,7 +226,7 @@ class TreeMonitor:
         working = [leaf.path for leaf in self._open]
         requirements.works(working)
         requirements.unguarded(working, self._holding)
-        requirements.rests(False)
+        requirements.rests(self._tree.context.paused)
         self._holding.clear()
         if status is not RUNNING:
             requirements.event(f'={status.name}')

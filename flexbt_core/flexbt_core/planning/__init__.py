@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Goal to tree: the cheapest plan on a declared model, as a reactive tree that is tried before it is given out. ::
+"""Goal to tree: the cheapest plan on a declared model, as a reactive tree that is tried before it is given out.
+
+::
 
     problem = Problem(actions, initial, conditions(parse_goal('on(cup, table)')))
     found = plan(problem, time_limit=10.0)

@@ -41,7 +41,8 @@ class Method(Enum):
 class Limits:
     """``seconds`` for one property, ``states`` of a graph.
 
-    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` begins the lots."""
+    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` is that of its random numbers.
+    """
 
     seconds: float = 60.0
     states: int = 500_000
@@ -68,7 +69,7 @@ class Result:
     """What was found of a property: its value is between ``low`` and ``high``.
 
     ``how`` says in words by what method and how exactly. ``is_complete``: nothing was cut short. ``way``: when it can
-    fail, a shortest way to where it has failed, in words. ``has_failed``: a way was found on which it does.
+    fail, the shortest way that was met to where it has failed, in words. ``has_failed``: one was found.
     """
 
     asked: Property
@@ -113,8 +114,8 @@ def check(
     if method is Method.STATISTICAL and order is Order.ANY:
         raise ValueError('all orders can only be followed by the method exact; or take the order random')
     begin = time.monotonic()
-    lots = random.Random(limits.seed)
-    system, watched = model.system(asked, lots.random)
+    generator = random.Random(limits.seed)
+    system, watched = model.system(asked, generator.random)
     left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
     path = Path(system, left, right, asked, order)
     tell = _Teller(on_progress, begin)
@@ -140,10 +141,10 @@ def check(
         notes.append('there are too many states to follow all of them')
     if rounds is not None and not model.is_random and followed > _REUSE * len(rounds):
         try:
-            return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, lots))
+            return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, generator))
         except EndlessError:
-            lots.seed(limits.seed)
-    return _sampled(path, limits, begin, until, tell, notes, _StepRuns(path, lots))
+            generator.seed(limits.seed)
+    return _sampled(path, limits, begin, until, tell, notes, _StepRuns(path, generator))
 
 
 def _flowed(path: Path, rounds: Rounds, begin: float, until: float, most: int, tell: _Teller) -> Result:
@@ -410,10 +411,10 @@ def _sampled(
 class _RoundRuns:
     """From round to round, each of which is played once."""
 
-    def __init__(self, path: Path, rounds: Rounds, lots: random.Random) -> None:
+    def __init__(self, path: Path, rounds: Rounds, generator: random.Random) -> None:
         self._path = path
         self._rounds = rounds
-        self._lots = lots
+        self._random = generator
         self._made: list[tuple[int | None, int, int]] = []
         self._times = list(path.system.times())
         self.steps = 0
@@ -431,7 +432,7 @@ class _RoundRuns:
         return (number if number < 0 else self._rounds.at_end(number)) == SATISFIED
 
     def _take(self, number: int | None, at: int, outcomes: Outcomes) -> int:
-        drawn = self._lots.random()
+        drawn = self._random.random()
         after = outcomes[-1][1]
         for probability, one in outcomes:
             drawn -= probability
@@ -454,15 +455,15 @@ class _RoundRuns:
 class _StepRuns:
     """From step to step."""
 
-    def __init__(self, path: Path, lots: random.Random) -> None:
+    def __init__(self, path: Path, generator: random.Random) -> None:
         self._path = path
-        self._lots = lots
+        self._random = generator
         self._made: list[tuple[State, Step, State]] = []
         self.steps = 0
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:
-        path, lots = self._path, self._lots
-        state = _drawn(path.system.initial(), lots)
+        path, generator = self._path, self._random
+        state = _drawn(path.system.initial(), generator)
         self._made = []
         for count in range(_RUN):
             if count % 256 == 0 and not may_go_on():
@@ -474,8 +475,8 @@ class _StepRuns:
             steps = path.steps(state)
             if not steps:
                 return path.at_end(state)
-            step = steps[0] if len(steps) == 1 else steps[int(lots.random() * len(steps))]
-            after = _drawn(path.system.follow(state, step), lots)
+            step = steps[0] if len(steps) == 1 else steps[int(generator.random() * len(steps))]
+            after = _drawn(path.system.follow(state, step), generator)
             self._made.append((state, step, after))
             state = after
         return None
@@ -484,10 +485,10 @@ class _StepRuns:
         return tuple(line for one in self._made for line in self._path.system.narrate(*one))
 
 
-def _drawn(followers: Followers, lots: random.Random) -> State:
+def _drawn(followers: Followers, generator: random.Random) -> State:
     if len(followers) == 1:
         return followers[0][1]
-    drawn = lots.random()
+    drawn = generator.random()
     for probability, state in followers:
         drawn -= probability
         if drawn < 0.0:

@@ -179,7 +179,7 @@ def test_two_owners_of_an_actuator_are_found_and_one_that_halts_counts() -> None
 
 REQUIREMENTS: list[tuple[Requirement, list[tuple[str, str]], str]] = [
     (Never('/B'), [('/A', 'done')], '/B happens'),
-    (AtMost('/A', 1), [('/A', 'done'), ('/B', 'done')], '/A happens more than 1 times'),
+    (AtMost('/A', 1), [('/A', 'done'), ('/B', 'done')], '/A happens more than once'),
     (Before('/B', '/B > done'), [('/A', 'done')], '/B comes without /B > done'),
     (After('/A > done', ('=ended',)), [('/A', 'done')], '/B follows /A > done'),
     (Within('/A > done', '/A'), [('/A', 'done'), ('/B', 'failed')], 'it ends, and /A has not come'),

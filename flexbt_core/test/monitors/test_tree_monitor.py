@@ -229,3 +229,28 @@ def test_random_trees_give_no_alarm(make: Callable[[int], dict[str, object]]) ->
         assert not found, f'{found}\n{case["xml"]}'
         seen += 1
     assert seen > 100
+
+
+def test_a_deadline_stands_still_in_a_pause() -> None:
+    watched = Watched(TWO, Within('one > SUCCESS', 'other > SUCCESS', 5.0))
+    watched.tick()
+    watched.tick(one=SUCCESS)
+    for is_paused, seconds in ((True, 60.0), (False, 4.0)):
+        (watched.tree.pause if is_paused else watched.tree.resume)()
+        watched.monitor.paused(is_paused)
+        watched.clock.advance(seconds)
+    assert watched.tick() == []
+    watched.clock.advance(1.0)
+    assert len(watched.tick()) == 1
+
+
+def test_what_comes_in_a_pause_leaves_the_next_deadline_as_it_is() -> None:
+    watched = Watched(TWO, Within('one > SUCCESS', 'other', 5.0))
+    watched.tick()
+    watched.tree.pause()
+    watched.monitor.paused(True)
+    watched.tick(one=SUCCESS)  # a step
+    watched.clock.advance(60.0)
+    watched.tree.resume()
+    watched.monitor.paused(False)
+    assert watched.tick() == []

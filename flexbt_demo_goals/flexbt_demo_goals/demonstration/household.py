@@ -36,7 +36,8 @@ class Household:
         """How often the robot came to hold the cup."""
         self.held = ''
         """What the robot holds; '' for nothing."""
-        self._opening = 0.0
+        self._opening: float | None = None
+        self._is_gripper_seen = False
         self._simulation = Simulation(runtime, timeline, speed)
         self._timeline = timeline
         self._on_change = on_change
@@ -45,7 +46,12 @@ class Household:
     @property
     def door_is_shut(self) -> bool:
         """Whether the door of the kitchen is shut all the way."""
-        return self._opening <= 0.0
+        return self._opening is not None and self._opening <= 0.0
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether it is known how the door and the gripper are; what happens to them from then on is not missed."""
+        return self._opening is not None and self._is_gripper_seen
 
     def in_real_time(self) -> AbstractContextManager[None]:
         """Has the world be as fast as the wall for the time of the context."""
@@ -89,10 +95,11 @@ class Household:
 
     def _hear_doors(self, message: JointState) -> None:
         before, self._opening = self._opening, message.position[message.name.index(DOOR)]
-        self.times_opened += before < 1.0 <= self._opening
+        self.times_opened += before is not None and before < 1.0 <= self._opening
         self._on_change()
 
     def _hear_holds(self, message: String) -> None:
         self.times_held += message.data == CUP != self.held
         self.held = message.data
+        self._is_gripper_seen = True
         self._on_change()

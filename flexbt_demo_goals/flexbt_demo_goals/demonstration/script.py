@@ -45,6 +45,7 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
     """Have the cup brought twice."""
     operator, household = flat.operator, flat.household
 
+    operator.wait(lambda _view: household.is_seen, 'the household seen', ANSWER_TIMEOUT_S)
     operator.start('Reach Goal', AutonomyLevel.HIGH)
     operator.wait_happened(lambda: household.times_opened >= 1, 'the door of the kitchen opened by the robot')
     report.take(PLANNED)

@@ -51,23 +51,8 @@ class IsAtTable(PoseLeaf, Condition):
         return NodeStatus.SUCCESS if distance <= AT_TABLE else self.fail(f'the robot is {distance:.2f} m away')
 
 
-class IsThingIn(TopicCondition):
-    """SUCCESS when a thing is in a room, and nobody holds it."""
-
-    __slots__ = ()
-
-    message_type = TFMessage
-    default_topic = THINGS
-    qos = names.latched()
-    ports = {**TopicCondition.ports, 'thing': _THING, 'room': _ROOM}
-
-    def holds(self, message: Any | None) -> bool:
-        position = position_of(message, str(self.get_input('thing')))
-        return position is not None and room_at(*position) == self.get_input('room')
-
-
-class IsNear(TopicCondition):
-    """SUCCESS when a thing is near enough to be picked up."""
+class _ThingCondition(TopicCondition):
+    """Asks the topic of things about one of them."""
 
     __slots__ = ()
 
@@ -75,6 +60,24 @@ class IsNear(TopicCondition):
     default_topic = THINGS
     qos = names.latched()
     ports = {**TopicCondition.ports, 'thing': _THING}
+
+
+class IsThingIn(_ThingCondition):
+    """SUCCESS when a thing is in a room, and nobody holds it."""
+
+    __slots__ = ()
+
+    ports = {**_ThingCondition.ports, 'room': _ROOM}
+
+    def holds(self, message: Any | None) -> bool:
+        position = position_of(message, str(self.get_input('thing')))
+        return position is not None and room_at(*position) == self.get_input('room')
+
+
+class IsNear(_ThingCondition):
+    """SUCCESS when a thing is near enough to be picked up."""
+
+    __slots__ = ()
 
     def holds(self, message: Any | None) -> bool:
         position = position_of(message, str(self.get_input('thing')))
@@ -86,15 +89,10 @@ class IsNear(TopicCondition):
         return position is not None and math.dist(position, (robot.x, robot.y)) <= REACH
 
 
-class IsHolding(TopicCondition):
+class IsHolding(_ThingCondition):
     """SUCCESS when the robot has a thing in its gripper."""
 
     __slots__ = ()
-
-    message_type = TFMessage
-    default_topic = THINGS
-    qos = names.latched()
-    ports = {**TopicCondition.ports, 'thing': _THING}
 
     def holds(self, message: Any | None) -> bool:
         return is_held(message, str(self.get_input('thing')))

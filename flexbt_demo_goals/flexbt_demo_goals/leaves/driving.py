@@ -11,7 +11,7 @@ from nav2_msgs.action import NavigateToPose
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import NodeConfig, NodeStatus, input_port
+from flexbt_core.behavior_tree import NodeStatus, input_port
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_server.leaves import ACTION_PORTS, ActionLeaf
 
@@ -66,9 +66,6 @@ class Approach(ActionLeaf):
     action_type = NavigateToPose
     default_server = names.NAVIGATE_TO_POSE
     ports = ACTION_PORTS | {'thing': input_port(STRING, description='name of the thing')}
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
 
     def on_start(self) -> NodeStatus:
         things_cache(self.host).on_message(self.context)

@@ -34,20 +34,21 @@ class MachineStore:
     def __init__(self, directory: Path | None) -> None:
         self._directory = directory
 
-    def entries(self) -> list[BehaviorEntry]:
-        """Those that are there. Raises OSError when the directory cannot be read."""
+    def entries(self) -> tuple[list[BehaviorEntry], list[str]]:
+        """Those that are there, and why other files are none. Raises OSError when the directory cannot be read."""
         if self._directory is None or not self._directory.is_dir():
-            return []
-        found = []
-        for file in sorted(self._directory.glob('*.yaml'))[:MOST_MACHINES]:
+            return [], []
+        found: list[BehaviorEntry] = []
+        problems: list[str] = []
+        for file in sorted(self._newest_first()[:MOST_MACHINES]):
             try:
                 check_name(file.stem)
                 if file.stat().st_size > 4 * MACHINE_LENGTH:
                     raise ValueError('it is too large')
                 found.append(machine_entry(file.stem, file.read_text(encoding='utf-8')))
-            except (BehaviorError, OSError, ValueError):  # somebody else's file
-                continue
-        return found
+            except (BehaviorError, OSError, ValueError) as error:
+                problems.append(f'{file} is no synthesized behavior: {error}')
+        return found, problems
 
     def keep(self, name: str, text: str, in_use: Collection[str]) -> list[str]:
         """Write a machine, in place of one of its name; the names of those that gave way, none of which is in use.
@@ -61,8 +62,11 @@ class MachineStore:
         beside = self._directory / f'{name}.tmp'
         beside.write_text(text, encoding='utf-8')
         beside.replace(self._directory / f'{name}.yaml')
-        oldest_last = sorted(self._directory.glob('*.yaml'), key=lambda file: -file.stat().st_mtime_ns)
-        gone = [file for file in oldest_last[MOST_MACHINES:] if file.stem not in {name, *in_use}]
+        gone = [file for file in self._newest_first()[MOST_MACHINES:] if file.stem not in {name, *in_use}]
         for file in gone:
             file.unlink(missing_ok=True)
         return [file.stem for file in gone]
+
+    def _newest_first(self) -> list[Path]:
+        files = [] if self._directory is None else list(self._directory.glob('*.yaml'))
+        return sorted(files, key=lambda file: -file.stat().st_mtime_ns)

@@ -128,9 +128,10 @@ class Synthesizer:
 
     def _restore(self) -> None:
         """Have the behaviors again that were made before."""
-        problems = []
+        problems: list[str] = []
         try:
-            for entry in self._store.entries():
+            entries, problems = self._store.entries()
+            for entry in entries:
                 try:
                     self._library.add(entry)
                 except BehaviorError as error:

@@ -114,7 +114,7 @@ class TreeRun(Generic[Client]):
         self._findings = Findings(self._tell_finding)
         self._monitor: TreeMonitor | None = None
         self._wake_event = WakeEvent()
-        self._control = TickControl(self._wake_event.set, observer.paused)
+        self._control = TickControl(self._wake_event.set, self._tell_of_pause)
         self._loop = health.loop(f'the thread of tree {key.id!r}', self._where, self._has_callbacks)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
@@ -299,6 +299,11 @@ class TreeRun(Generic[Client]):
     def _tell_of_round(self) -> None:
         if not self._ended:  # it may have been aborted during the tick
             self._observer.ticked()
+
+    def _tell_of_pause(self, is_paused: bool) -> None:
+        if self._monitor is not None:
+            self._monitor.paused(is_paused)
+        self._observer.paused(is_paused)
 
     def _tell_of_expansion(self) -> None:
         if self.tree is not None and not self._ended:

@@ -21,7 +21,8 @@ def result_lines(result: Result) -> Iterator[str]:
     for note in result.notes:
         yield f'    note: {note}'
     if result.way and result.holds is not True:
-        yield f'    a shortest way to where it has failed ({len(result.way)} lines):'
+        kind = 'the shortest way' if result.is_exact else 'the shortest way that was met'
+        yield f'    {kind} to where it has failed:'
         yield from (f'      {line}' for line in _shown(result.way))
 
 

@@ -3,7 +3,7 @@
 
 from .answer_text import explanation_lines, happening, step_through
 from .files import SynthesisFiles, read, read_problem
-from .flexbe_messages import flexbe_messages, has_flexbe_messages
+from .flexbe_messages import flexbe_messages
 from .state_interfaces import StateInterfaces
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     'explanation_lines',
     'flexbe_messages',
     'happening',
-    'has_flexbe_messages',
     'read',
     'read_problem',
     'step_through',

@@ -3,16 +3,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 from typing import Any
 
 from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.synthesis.machines import SynthesizedMachine, state_instantiations
-
-
-def has_flexbe_messages() -> bool:
-    """Whether ``flexbe_msgs`` is installed."""
-    return importlib.util.find_spec('flexbe_msgs') is not None
 
 
 def flexbe_messages(machine: SynthesizedMachine) -> list[Any]:

@@ -2,7 +2,7 @@
 """Plans for several robots: tasks divided, what runs at the same time, and who takes over when one is lost.
 
 ``team`` has what is planned, ``division`` who does what, ``team_policy`` what each robot does in which state beside the
-others, ``joint_coverage`` tries it, ``team_xml`` writes one tree for each robot.
+others, ``team_xml`` writes one tree for each robot. It is tried by ``coverage`` of the room around.
 """
 
 from .team import Team, team_problem

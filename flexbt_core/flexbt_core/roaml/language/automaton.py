@@ -117,7 +117,7 @@ class _Enter(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What expressions reach beside data and event: input ports that point to the blackboard, and lots."""
+    """What expressions reach beside data and event: input ports that point to the blackboard, and random numbers."""
 
     inputs: Mapping[str, Any]
     draw: Callable[[], float]

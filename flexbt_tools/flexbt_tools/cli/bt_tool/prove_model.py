@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--confidence', metavar='C', type=_part, default=limits.confidence, help='... with this one (%(default)g)'
     )
-    group.add_argument('--seed', metavar='N', type=int, default=limits.seed, help='where the lots begin (%(default)d)')
+    group.add_argument('--seed', metavar='N', type=int, default=limits.seed, help='of the random numbers (%(default)d)')
 
 
 def _part(text: str) -> float:
