@@ -41,7 +41,7 @@ class Method(Enum):
 class Limits:
     """``seconds`` for one property, ``states`` of a graph.
 
-    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` is that of its random numbers.
+    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` that of its random numbers.
     """
 
     seconds: float = 60.0
