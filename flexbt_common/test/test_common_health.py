@@ -72,3 +72,27 @@ def test_a_clock_that_hangs_is_no_stop_of_the_process() -> None:
         clock.stopped += OUT_OF_REACH_SECONDS / 2.0
         health.look()
     assert not told
+
+
+def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
+    clock = StoppedClock()
+    health = Health(clock)
+    order: list[str] = []
+
+    def go_on() -> None:
+        health.look()
+        order.append('goes on')
+
+    second = threading.Thread(target=go_on)
+
+    def tell(_: Hang) -> None:
+        second.start()
+        second.join(0.2)
+        order.append('told')
+
+    health.on_hang(tell)
+    health.on_beat(lambda: None)
+    clock.stopped = OUT_OF_REACH_SECONDS
+    health.look()
+    second.join(60.0)
+    assert order == ['told', 'goes on']

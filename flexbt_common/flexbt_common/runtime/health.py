@@ -162,6 +162,8 @@ class Health:
         self._on_hang: list[Callable[[Hang], object]] = []
         self._asked_at: float | None = None
         self._looked_at = 0.0
+        # Held until a pause is told: whoever looks meanwhile goes on after that. Before the other locks.
+        self._pausing = threading.RLock()
         self._is_late = False
         self._failure = ''
 
@@ -234,31 +236,31 @@ class Health:
         """Something goes on after a wait: tell first, on this thread, of a pause of :data:`OUT_OF_REACH_SECONDS` in
         which nothing of the process ran.
         """
-        now = self._steady.now()
-        with self._lock:
+        with self._pausing:
+            now = self._steady.now()
             if self._asked_at is None:
                 return
             pause, self._looked_at = now - max(self._asked_at, self._looked_at), now
-            if pause < OUT_OF_REACH_SECONDS:
-                return
-            self._asked_at = now
-        self._tell_pause(pause)
+            if pause >= OUT_OF_REACH_SECONDS:
+                self._asked_at = now
+                self._tell_pause(pause)
 
     def _ask(self) -> None:
-        now = self._steady.now()
-        with self._lock:
+        with self._pausing:
             if self._failure:
                 return
+            now = self._steady.now()
             pause, self._asked_at = now - (self._asked_at or now), now
             self._steady.call_at(now + PERIOD, self._ask)
+            if pause > HANG_SECONDS:
+                self._tell_pause(pause)
+        with self._lock:
             missing = sorted(self._missing, key=lambda watched: watched.asked_at)
             asked = [] if missing else list(self._watched)
             for watched in asked:
                 watched.asked_at = now
             self._missing.update(asked)
-        if pause > HANG_SECONDS:
-            self._tell_pause(pause)
-        elif missing:
+        if missing and pause <= HANG_SECONDS:
             self._tell_missing(missing, now)
         for watched in asked:
             watched.ping(partial(self._answered, watched))

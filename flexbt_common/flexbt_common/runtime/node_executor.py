@@ -72,7 +72,7 @@ def node_executor(
     """The best executor that this version of rclpy allows.
 
     ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
-    when the wait is over, before any callback.
+    when the wait is over, before any callback (by rclpy's own loop, before the wait).
     """
     usable = rclpy_private.is_usable(rclpy_private.EXECUTOR)
     return (NodeExecutor if usable else StockNodeExecutor)(node, on_fault, on_turn)

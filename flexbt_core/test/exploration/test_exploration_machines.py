@@ -172,7 +172,7 @@ REQUIRED: list[tuple[str, str]] = [
     ('after /Plan > done, /Drive within 1 s', ''),
     # The drive has 5 s, and two more attempts.
     ('after /Drive, /Drive > timeout within 16 s', 'REQUIREMENT'),
-    ('/Recover at most 1 times', 'REQUIREMENT'),
+    ('/Recover at most 1 time', 'REQUIREMENT'),
     ('=finished is always still possible', ''),
     ('/Recover > done is always still possible', ''),
     ('=finished only with path written', ''),
