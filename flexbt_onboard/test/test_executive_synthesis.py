@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import sys
 import threading
 from collections.abc import Iterator
@@ -15,10 +17,14 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks
+from flexbt_common.liveness import PresenceToken
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.synthesis import MachineStore
+from flexbt_onboard.synthesis.machine_store import MOST_MACHINES
 from flexbt_onboard.synthesis.search_process import SearchProcess
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
@@ -104,10 +110,84 @@ def test_what_was_made_is_there_after_a_restart(tmp_path: Path) -> None:
     directory = tmp_path / 'onboard_executive'
     directory.mkdir()
     (directory / 'coffee.yaml').write_text('# brew\nmachine: {outcomes: [finished], states: {}}\n', encoding='utf-8')
-    (directory / 'Test.yaml').write_text('# hidden by the installed one\n', encoding='utf-8')
+    (directory / 'Test.yaml').write_text('machine: {}  # hidden by the installed one\n', encoding='utf-8')
     (directory / '.rc.yaml').write_bytes(b'\xff')
     with closing(SynthesisBench(tmp_path)) as bench:
         wait_until(lambda: bench.names == [('Test', 'test'), ('coffee', 'synthesized')], 'both')
+
+
+MACHINE = """\
+machine:
+  outcomes: [finished]
+  states:
+    wait: {state: OperatorDecisionState, parameters: {outcomes: [go]}, transitions: {go: finished}}
+"""
+
+
+def slow_search(monkeypatch: pytest.MonkeyPatch, until: Path) -> None:
+    """Let searches find MACHINE when a file is there, and not before."""
+    answer = json.dumps({'code': 'made', 'machine': '# new\n' + MACHINE})
+    program = f"""
+import os, time
+print('{{"doing": "searching"}}', flush=True)
+while not os.path.exists({str(until)!r}):
+    time.sleep(0.02)
+print({answer!r}, flush=True)
+"""
+    monkeypatch.setattr(
+        'flexbt_onboard.synthesis.synthesizer._installed_command', lambda: [sys.executable, '-S', '-c', program]
+    )
+
+
+def test_what_was_started_during_a_search_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow_search(monkeypatch, tmp_path / 'go')
+    kept = tmp_path / 'onboard_executive' / 'old.yaml'
+    kept.parent.mkdir()
+    kept.write_text('# old\n' + MACHINE, encoding='utf-8')
+    with closing(SynthesisBench(tmp_path)) as bench:
+        _, done = bench.ask(capabilities=COFFEE, name='old')
+        bench.logged("synthesis of 'old'")
+        bench.start('old')
+        (tmp_path / 'go').touch()
+        result = done.result(DEADLINE).result
+        assert result is not None and result.code == Result.FAILURE and 'was started meanwhile' in result.message
+    assert kept.read_text(encoding='utf-8') == '# old\n' + MACHINE
+
+
+def test_a_search_whose_operator_is_gone_makes_room(
+    bench: SynthesisBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow_search(monkeypatch, tmp_path / 'go')
+    monkeypatch.setattr('flexbt_onboard.synthesis.synthesis_server.GONE_SECONDS', 0.1)
+    with NodeRuntime.open('other') as other:
+        PresenceToken(other, 'bob')
+        bench.wait_for(lambda _status: 'bob' in bench.executive._presence.present, 'there')
+        _, done = bench.ask(capabilities=COFFEE, name='never', operator_id='bob', time_limit=3600.0)
+        bench.logged("synthesis of 'never'")
+        assert 'another synthesis' in bench.made(capabilities=COFFEE, operator_id='ann').message
+    result = done.result(DEADLINE).result
+    assert result is not None and result.code == Result.CANCELED and "'bob'" in result.message
+    (tmp_path / 'go').touch()
+    # Who was never there is a program.
+    assert bench.made(capabilities=COFFEE, name='next', operator_id='ann').code == Result.SUCCESS
+
+
+def test_the_oldest_machines_give_way_and_no_other_files(tmp_path: Path) -> None:
+    store = MachineStore(tmp_path)
+    others = [tmp_path / 'capabilities.yaml', tmp_path / '.hidden.yaml', tmp_path / 'folder.yaml']
+    others[0].write_text(COFFEE, encoding='utf-8')
+    others[1].write_text(MACHINE, encoding='utf-8')
+    others[2].mkdir()
+    for number in range(MOST_MACHINES):
+        assert store.keep(f'm{number}', MACHINE, ()) == []
+        os.utime(tmp_path / f'm{number}.yaml', (1e9 + number, 1e9 + number))
+    for other in others:
+        os.utime(other, (1e8, 1e8))
+    assert store.keep('last', MACHINE, {'m0'}) == []  # the oldest is in use
+    assert store.keep('more', MACHINE, ()) == ['m1', 'm0']
+    assert all(other.exists() for other in others)
+    entries, problems = store.entries()
+    assert len(entries) == MOST_MACHINES and len(problems) == len(others)
 
 
 def test_the_editor_of_flexbe_gets_states_and_the_executive_keeps_nothing(

@@ -157,8 +157,8 @@ class Executive:
             self._publish_behaviors,
             SearchSettings(parameters.capability_directories, parameters.synthesis_memory),
         )
-        SynthesisServer(runtime, synthesizer, self._admission)
-        serve_flexbe(runtime, synthesizer)
+        SynthesisServer(runtime, synthesizer, self._admission, presence)
+        serve_flexbe(runtime, synthesizer, self._admission)
         self._shown = ShownStatus(
             runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed
         )

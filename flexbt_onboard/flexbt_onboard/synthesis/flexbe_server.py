@@ -8,7 +8,7 @@ import importlib.util
 from typing import Any, Final
 
 from flexbt_common import names
-from flexbt_common.calls import GoalServer, ServedGoal
+from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.values import sendable
@@ -26,8 +26,9 @@ _CODES: Final = {
 """Error codes of flexbe_synthesis: SUCCESS, SPEC_UNSYNTHESIZABLE, INVALID_REQUEST, PREEMPTED, SYNTHESIS_FAILED."""
 
 
-def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer) -> None:
-    """Serve ``flexbe_msgs/BehaviorSynthesis`` where there is such a type. On the executor thread.
+def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
+    """Serve ``flexbe_msgs/BehaviorSynthesis`` where there is such a type; ``admission`` says whether goals are taken at
+    all. On the executor thread.
 
     The states go to the editor, which makes a behavior of them; the executive does not keep the machine. Why there is
     none is told by the last feedback, since the result has no text.
@@ -76,4 +77,11 @@ def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer) -> None:
         else:
             goal.on_cancel(search.cancel)
 
-    GoalServer(runtime, action, names.FLEXBE_SYNTHESIS, serve, refused=lambda why: result(_CODES[Verdict.WRONG], []))
+    GoalServer(
+        runtime,
+        action,
+        names.FLEXBE_SYNTHESIS,
+        serve,
+        refused=lambda why: result(_CODES[Verdict.WRONG], []),
+        admission=admission,
+    )

@@ -8,12 +8,14 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.liveness import PresenceWatch
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
 from flexbt_core.values import sendable
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_onboard.errors import CommandRefusedError
 
-from .synthesizer import Answer, SearchRequest, Synthesizer, Verdict
+from .synthesizer import Answer, Search, SearchRequest, Synthesizer, Verdict
 
 Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
 
@@ -27,13 +29,28 @@ _CODES: Final = {
 }
 _LINES: Final = 1000
 
+GONE_SECONDS: Final = 10.0
+"""How long the operator who asked may be gone: a link that was bad for a while costs no search."""
+
 
 class SynthesisServer:
-    """Serves SynthesizeBehavior. Used on the executor thread."""
+    """Serves SynthesizeBehavior. Used on the executor thread.
 
-    def __init__(self, runtime: NodeRuntime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
-        """``admission``: whether goals are taken at all."""
+    There is one search at a time. So that none is in the way of others for nobody, it is canceled when the operator who
+    asked for it was there, and is gone. Programs may ask without being there: for these there is the time limit.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, synthesizer: Synthesizer, admission: GoalAdmission, presence: PresenceWatch
+    ) -> None:
+        """``admission``: whether goals are taken at all; ``presence`` tells who is there."""
+        self._runtime = runtime
         self._synthesizer = synthesizer
+        self._presence = presence
+        self._search: Search | None = None
+        self._was_there = False
+        self._timer: Timer | None = None
+        presence.add_listener(self._look)
         GoalServer(
             runtime,
             SynthesizeBehavior,
@@ -45,6 +62,7 @@ class SynthesisServer:
 
     def _serve(self, goal: ServedGoal) -> None:
         def end(answer: Answer) -> None:
+            self._watch(None)
             result = Result(
                 code=_CODES[answer.verdict],
                 message=sendable(answer.message),
@@ -67,6 +85,37 @@ class SynthesisServer:
             goal.abort(_refused(str(error)))
         else:
             goal.on_cancel(search.cancel)
+            self._watch(search)
+
+    def _watch(self, search: Search | None) -> None:
+        self._search = search
+        self._was_there = False
+        self._stop_timer()
+        self._look()
+
+    def _look(self) -> None:
+        """Whether the operator who asked is there."""
+        search = self._search
+        if search is None or not search.request.by:
+            return
+        if search.request.by in self._presence.present:
+            self._was_there = True
+            self._stop_timer()
+        elif self._was_there and self._timer is None:
+            steady = self._runtime.steady
+            self._timer = steady.call_at(
+                steady.now() + GONE_SECONDS, lambda: self._runtime.post(lambda: self._time_is_over(search))
+            )
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _time_is_over(self, search: Search) -> None:
+        operator = search.request.by
+        if search is self._search and operator not in self._presence.present:
+            search.cancel(f'operator {operator!r}, who asked for it, is gone')
 
 
 def _request(goal: Any) -> SearchRequest:

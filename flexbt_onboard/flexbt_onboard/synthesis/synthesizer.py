@@ -88,9 +88,11 @@ class Search:
     began: float
     name: str = ''
     process: SearchProcess | None = field(default=None)
+    why_canceled: str = 'it was canceled'
 
-    def cancel(self) -> None:
-        """End it, as canceled."""
+    def cancel(self, why: str = '') -> None:
+        """End it, as canceled; ``why`` is told."""
+        self.why_canceled = why or self.why_canceled
         if self.process is not None:
             self.process.cancel()
 
@@ -209,29 +211,34 @@ class Synthesizer:
 
     def _finish(self, search: Search, news: News | None, why: str) -> None:
         """On the thread of the search: a disk that takes its time holds up nobody else."""
-        answer = _answer(news, why, search.name)
+        answer = _answer(news, why, search)
         gone: list[str] = []
         problem = ''
         if answer.verdict is Verdict.MADE and search.request.is_kept:
             try:
-                gone = self._store.keep(search.name, answer.machine, self._in_use_now())
+                in_use = self._runtime.call(lambda: self._add(search.name, answer.machine))
+                gone = self._store.keep(search.name, answer.machine, in_use)
+            except OnboardError as error:
+                answer = Answer(Verdict.WRONG, str(error))
             except (OSError, RuntimeError) as error:
                 problem = f'behavior {search.name!r} will not outlast the executive: {error}'
         self._runtime.post(lambda: self._end(search, answer, gone, problem))
 
-    def _in_use_now(self) -> set[str]:
-        return self._runtime.call(self._in_use)
+    def _add(self, name: str, machine: str) -> set[str]:
+        """Have it in the library before it is kept: who starts it from now on starts what is kept. The names in use.
+
+        Raises:
+            OnboardError: it was started meanwhile, or an installed behavior has its name.
+        """
+        in_use = self._in_use()
+        if name in in_use:
+            raise CommandRefusedError(f'behavior {name!r} was started meanwhile: give another name')
+        self._library.add(machine_entry(name, machine))
+        return in_use
 
     def _end(self, search: Search, answer: Answer, gone: Sequence[str], problem: str) -> None:
         self._search = None
-        made = answer.verdict is Verdict.MADE
-        if made and search.request.is_kept:
-            try:
-                if search.name in self._in_use():
-                    raise CommandRefusedError(f'behavior {search.name!r} was started meanwhile: give another name')
-                self._library.add(machine_entry(search.name, answer.machine))
-            except OnboardError as error:
-                answer = Answer(Verdict.WRONG, str(error))
+        if answer.verdict is Verdict.MADE and search.request.is_kept:
             for name in gone:
                 self._library.remove(name)
             self._changed()
@@ -250,16 +257,16 @@ class Synthesizer:
         search.on_end(answer)
 
 
-def _answer(news: News | None, why: str, name: str) -> Answer:
+def _answer(news: News | None, why: str, search: Search) -> Answer:
     if news is None:
-        return Answer(Verdict.FAULT, why) if why else Answer(Verdict.CANCELED, 'it was canceled')
+        return Answer(Verdict.FAULT, why) if why else Answer(Verdict.CANCELED, search.why_canceled)
     machine = str(news.get('machine', ''))
     if len(machine) > MACHINE_LENGTH:
         return Answer(Verdict.WRONG, f'the machine has {len(machine)} characters; at most {MACHINE_LENGTH} are taken')
     return Answer(
         Verdict(news['code']),
         str(news.get('message', '')),
-        name if machine else '',
+        search.name if machine else '',
         machine,
         [str(note) for note in news.get('notes', ())],
         [str(line) for line in news.get('explanation', ())],
