@@ -6,11 +6,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import pytest
+from rclpy.action import ActionServer, CancelResponse
 from simulation_interfaces.msg import Result as SimulationResult
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
@@ -19,7 +21,8 @@ from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
-from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror
+from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror, SynthesisRequest
+from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import uncontended_time, wait_until
@@ -56,6 +59,36 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         wait_until(lambda: {'/first', '/second'} <= set(robots.fleet.names), 'both robots')
         assert '/' not in robots.fleet.names  # nobody is there, and nobody has asked for it
         assert robots.select('/')[0].view().snapshot is None  # what the screen begins with
+
+
+@pytest.mark.filterwarnings('ignore:failed to send response')  # to the console, which has ended
+def test_a_synthesis_ends_with_who_asked_for_it_and_with_the_console() -> None:
+    begun: list[Any] = []
+    canceled: list[Any] = []
+
+    def cancel(goal: Any) -> CancelResponse:
+        canceled.append(goal)
+        return CancelResponse.ACCEPT
+
+    def serve(runtime: NodeRuntime) -> None:
+        options = {'handle_accepted_callback': begun.append, 'cancel_callback': cancel}
+        ActionServer(runtime.node, SynthesizeBehavior, names.SYNTHESIZE_BEHAVIOR, lambda goal: None, **options)
+
+    request = SynthesisRequest('X', goals=('g',), time_limit=3600.0)
+    with ThreadPoolExecutor() as threads, NodeRuntime.open('robot') as robot, NodeRuntime.open('console') as console:
+        robot.call(lambda: serve(robot))
+        link, left = OperatorLink(console, Mirror(console.steady), 'ann'), Future[None]()
+        gone, other = (threads.submit(link.synthesis, request, DEADLINE, print, one) for one in (left, None))
+        wait_until(lambda: len(begun) == 2, 'both searches')
+        left.set_result(None)
+        with pytest.raises(NoAnswerError, match='has gone'):
+            gone.result(DEADLINE)
+        assert not other.done()
+        wait_until(lambda: len(canceled) == 1, 'its cancel')
+        console.close()
+        with pytest.raises(NoAnswerError, match='the console ends'):
+            other.result(DEADLINE)
+        wait_until(lambda: len({bytes(goal.goal_id.uuid) for goal in canceled}) == 2, 'the other cancel')
 
 
 def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more() -> None:

@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -35,11 +36,15 @@ class Lidar:
         self._tf = node.create_publisher(TFMessage, '/robot/tf', 100)
         self._scans = node.create_publisher(LaserScan, '/robot/scan', qos_profile_sensor_data)
         self._static = node.create_publisher(TFMessage, '/robot/tf_static', names.latched())
-        self._static.publish(TFMessage(transforms=[self._transform('base_link', 'lidar', 1.0, math.pi / 2.0)]))
+        self.tell_static('lidar')
 
     @property
     def is_heard(self) -> bool:
         return bool(self._tf.get_subscription_count() and self._scans.get_subscription_count())
+
+    def tell_static(self, frame: str) -> None:
+        """This frame is where the lidar is."""
+        self._static.publish(TFMessage(transforms=[self._transform('base_link', frame, 1.0, math.pi / 2.0)]))
 
     def _transform(self, parent: str, frame: str, x: float, yaw: float) -> TransformStamped:
         one = TransformStamped(child_frame_id=frame)
@@ -158,6 +163,25 @@ def test_a_scan_that_is_none_is_left_aside(robot_and_console: tuple[Lidar, Conso
         lidar.scan(**fields)
     assert until_shown(lidar, console, 5.0, 2.0) != ()
     assert all(math.isfinite(part) for scan in console.mirror.received for point in scan for part in point)
+
+
+@pytest.mark.parametrize('field', ['transforms[0].child_frame_id', 'header.frame_id'])
+def test_names_of_any_length_are_refused_in_a_short_line(
+    robot_and_console: tuple[Lidar, Console], field: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    lidar, _ = robot_and_console
+    told = ''
+
+    def is_told() -> bool:
+        nonlocal told
+        if field.startswith('transforms'):
+            lidar.tell_static('\N{SNOWMAN}' * 100_000)
+        lidar.scan(2.0, header=Header(frame_id='x' * 100_000))
+        told += capfd.readouterr().err
+        return f'{field} has 100000 characters' in told
+
+    wait_until(is_told, lambda: told[-2000:])
+    assert max(map(len, told.splitlines())) < 1000
 
 
 def test_the_name_of_a_place_at_the_edge_is_read() -> None:

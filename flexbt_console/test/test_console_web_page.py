@@ -295,6 +295,23 @@ def test_a_page_that_names_no_robot_goes_to_the_first_that_is_found(browser: Bro
         assert browser.run('return document.getElementById("robot").value') == '/first'
 
 
+def test_a_page_that_names_no_robot_stays_at_the_one_it_has_got(browser: Browser) -> None:
+    robots = {name: WebRobot() for name in ('/calm', '/urgent')}
+    robots['/calm'].show(PLAN)
+    stations = {name: robot.station() for name, robot in robots.items()}
+    with served(stations) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/#token=t')
+        browser.until_live()
+        browser.until(lambda: browser.run('return new URL(location).searchParams.get("robot")') == '/calm')
+        assert browser.run('return location.hash') == '#token=t'
+    browser.until_text('link', 'NO SERVER')
+    others = WebRobots({'/urgent': stations['/urgent'], '/calm': stations['/calm']})  # which has another one of its own
+    with served(others, port=port):
+        browser.until_live()
+        browser.until(lambda: others.opened == ['/calm'])
+        assert browser.run('return document.getElementById("robot").value') == '/calm'
+
+
 def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> None:
     robots = {f'r{number}': WebRobot() for number in range(50)}
     with served({name: robot.station() for name, robot in robots.items()}) as port:

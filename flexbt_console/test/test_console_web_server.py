@@ -8,14 +8,15 @@ import contextlib
 import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
-from flexbt_console.errors import UsageError
-from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose
+from flexbt_console.errors import NoAnswerError, UsageError
+from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose, Synthesis, SynthesisRequest
 from flexbt_console.ui.web import MOST_PAGES, Access
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
@@ -147,6 +148,35 @@ def test_a_stop_waits_for_no_request_that_waits() -> None:
         finally:
             go_on.set()
     assert robot.kinds == [CommandKind.STOP] * 4
+
+
+def test_a_search_ends_with_the_page_that_asked_for_it() -> None:
+    asked, ended = threading.Event(), threading.Event()
+
+    class Searching(WebRobot):
+        def synthesis(
+            self,
+            request: SynthesisRequest,
+            timeout: float,
+            tell: Callable[[str], None],
+            left: Future[None] | None = None,
+        ) -> Synthesis:
+            asked.set()
+            assert left is not None
+            left.result(DEADLINE)
+            ended.set()
+            raise NoAnswerError('gone')
+
+    async def run(port: int) -> None:
+        async with page(port) as other:
+            async with page(port) as opened:
+                await opened.socket.send_json({'do': 'synthesize X --goal g --time-limit 3600', 'decision': None})
+                assert await asyncio.to_thread(asked.wait, DEADLINE)
+                assert 'applied' in await other.ask(do='stop', decision=None)
+            assert await asyncio.to_thread(ended.wait, DEADLINE)
+
+    with served({'robot': Searching().station()}) as port:
+        asyncio.run(run(port))
 
 
 def test_a_drawing_that_comes_back_after_many_others_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
@@ -144,8 +145,17 @@ class AskedRobot(Protocol):
         """The userdata of the run; '' is the path of every active machine, and no keys are all."""
         ...
 
-    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
-        """Have a behavior made, or be told why there is none; ``tell`` gets now and then what is being done."""
+    def synthesis(
+        self,
+        request: SynthesisRequest,
+        timeout: float,
+        tell: Callable[[str], None],
+        left: Future[None] | None = None,
+    ) -> Synthesis:
+        """Have a behavior made, or be told why there is none; ``tell`` gets now and then what is being done.
+
+        It is canceled once ``left`` is done: who asked has gone.
+        """
         ...
 
     def cancel_synthesis(self) -> int:
@@ -162,7 +172,13 @@ class NobodyAsked:
         """Refuse it."""
         raise RefusedError(self.why)
 
-    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
+    def synthesis(
+        self,
+        request: SynthesisRequest,
+        timeout: float,
+        tell: Callable[[str], None],
+        left: Future[None] | None = None,
+    ) -> Synthesis:
         """Refuse it."""
         raise RefusedError(self.why)
 

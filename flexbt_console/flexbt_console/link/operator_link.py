@@ -7,6 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -162,12 +163,18 @@ class OperatorLink:
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
 
-    def synthesis(self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None]) -> Synthesis:
+    def synthesis(
+        self,
+        request: SynthesisRequest,
+        timeout: float,
+        tell: Callable[[str], None],
+        left: Future[None] | None = None,
+    ) -> Synthesis:
         """Have a behavior made, see :meth:`flexbt_console.link.synthesis_query.SynthesisQuery.ask`.
 
         Raises what that raises, and RefusedError for an observer.
         """
-        return self._synthesis_query().ask(request, timeout, tell)
+        return self._synthesis_query().ask(request, timeout, tell, left)
 
     def cancel_synthesis(self) -> int:
         """Cancel what is being made; how many these were. Raises RefusedError for an observer."""

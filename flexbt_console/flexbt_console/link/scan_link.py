@@ -18,8 +18,10 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, rigid_of
+from flexbt_common.values import check_limits
 from flexbt_console.mirror import Mirror, Points
 from flexbt_core.clock import Timer
+from flexbt_core.errors import FlexbtError
 from flexbt_core.values import one_line
 
 from .messages import FARTHEST, is_length, seconds_of
@@ -47,6 +49,7 @@ TF_DEPTH: Final = 10
 
 MESSAGE_BYTES: Final = 2_000_000
 TELL_SECONDS: Final = 10.0
+TOLD_CHARACTERS: Final = 500
 
 _NOTHING: Final = -1.0
 """The range of a beam that met nothing."""
@@ -107,10 +110,12 @@ class ScanLink:
         if not is_static and self._scan is None:
             return
         try:
-            for one in received.unpack(self._types[1]).transforms:
+            message = received.unpack(self._types[1])
+            check_limits(message)
+            for one in message.transforms:
                 parent, frame, stamp = one.header.frame_id, one.child_frame_id, seconds_of(one.header.stamp)
                 self._frames.set(parent, frame, rigid_of(one.transform), stamp, is_static=is_static)
-        except (ValueError, TransformError) as error:
+        except (ValueError, FlexbtError) as error:
             self._tell(f'transforms are left aside: {error}')
         self._place()
 
@@ -119,10 +124,12 @@ class ScanLink:
             return
         if self._scan is None:
             try:
-                self._scan = received.unpack(self._types[0])
-            except ValueError as error:
+                scan = received.unpack(self._types[0])
+                check_limits(scan)
+            except (ValueError, FlexbtError) as error:
                 self._tell(f'left aside: {error}')
                 return
+            self._scan = scan
             self._give_up_at = min(self._give_up_at, self._runtime.steady.now() + PLACE_SECONDS)
         self._place()
 
@@ -173,7 +180,7 @@ class ScanLink:
 
     def _tell(self, text: str) -> None:
         log = self._runtime.node.get_logger()
-        log.error(f'{self._topic}: {one_line(text)}', throttle_duration_sec=TELL_SECONDS)
+        log.error(f'{self._topic}: {one_line(text, TOLD_CHARACTERS)}', throttle_duration_sec=TELL_SECONDS)
 
 
 def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from typing import Any, Final
 
 from flexbt_common import names
@@ -20,8 +21,12 @@ Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
 DEFAULT_SECONDS: Final = 60.0
 _GRACE: Final = 15.0
 """Seconds beyond the time limit for which the answer is waited for: the search has to be started, and ended."""
+_CANCEL_SECONDS: Final = 0.5
+"""For so long the end of the console waits until its cancels are sent."""
 
 _LIVENESS: Final = {'fair': Goal.FAIR, 'adversarial': Goal.ADVERSARIAL, 'fair-outcomes': Goal.FAIR_OUTCOMES}
+
+_CONSOLE_ENDS: Final = 'the console ends'
 
 Tell = Callable[[str], None]
 
@@ -34,16 +39,19 @@ class SynthesisQuery:
         self._name = names.of_robot(namespace, names.SYNTHESIZE_BEHAVIOR)
         self._operator = operator
         self._lock = threading.Lock()
-        self._calls: set[ActionCall] = set()
+        self._calls: dict[ActionCall, Future[GoalOutcome]] = {}
+        self._has_ended = False
+        runtime.on_close(self._close)
 
-    def ask(self, request: SynthesisRequest, timeout: float, tell: Tell) -> Synthesis:
+    def ask(self, request: SynthesisRequest, timeout: float, tell: Tell, left: Future[None] | None = None) -> Synthesis:
         """Wait for the answer; ``tell`` gets now and then what is being done. Not on the executor thread.
 
-        The search is canceled when the waiting is interrupted. ``timeout`` in seconds is for the acceptance.
+        The search is canceled when the waiting is interrupted, when ``left`` is done, and when the node ends.
+        ``timeout`` in seconds is for the acceptance.
 
         Raises:
             RefusedError: something is wrong with the request or its files, or it was canceled.
-            NoAnswerError: there was no answer in the time that the search has.
+            NoAnswerError: there was no answer in the time that the search has, or nobody waits for it any more.
             ConsoleError: the search failed.
         """
         done: Future[GoalOutcome] = Future()
@@ -51,14 +59,18 @@ class SynthesisQuery:
         call = ActionCall(
             link,
             self._goal(request),
-            on_done=done.set_result,
+            on_done=lambda outcome: _end(done, outcome),
             on_feedback=_seldom(tell),
             server_timeout=timeout,
             accept_timeout=timeout,
             outage_timeout=timeout,
         )
         with self._lock:
-            self._calls.add(call)
+            self._calls[call] = done
+            if self._has_ended:
+                _end(done, NoAnswerError(_CONSOLE_ENDS))
+        if left is not None:
+            left.add_done_callback(lambda _: _end(done, NoAnswerError('who asked for it has gone')))
         try:
             outcome = done.result((request.time_limit or DEFAULT_SECONDS) + 2.0 * timeout + _GRACE)
         except TimeoutError:
@@ -66,7 +78,7 @@ class SynthesisQuery:
         finally:
             call.cancel()
             with self._lock:
-                self._calls.discard(call)
+                del self._calls[call]
         return _answer(outcome)
 
     def cancel(self) -> int:
@@ -76,6 +88,17 @@ class SynthesisQuery:
         for call in calls:
             call.cancel()
         return len(calls)
+
+    def _close(self) -> None:
+        with self._lock:
+            self._has_ended = True
+            calls = dict(self._calls)
+        for call, done in calls.items():
+            call.cancel()
+            _end(done, NoAnswerError(_CONSOLE_ENDS))
+        if calls:
+            with contextlib.suppress(RuntimeError, TimeoutError):  # the executor has ended, or is busy
+                self._runtime.call(lambda: None, _CANCEL_SECONDS)  # after the cancels
 
     def _goal(self, request: SynthesisRequest) -> Any:
         return Goal(
@@ -91,6 +114,15 @@ class SynthesisQuery:
             time_limit=request.time_limit,
             operator_id=self._operator,
         )
+
+
+def _end(done: Future[GoalOutcome], how: GoalOutcome | NoAnswerError) -> None:
+    """The first end counts."""
+    with contextlib.suppress(InvalidStateError):
+        if isinstance(how, GoalOutcome):
+            done.set_result(how)
+        else:
+            done.set_exception(how)
 
 
 def _seldom(tell: Tell) -> Callable[[Any], None]:

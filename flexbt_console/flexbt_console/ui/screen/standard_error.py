@@ -23,6 +23,8 @@ def standard_error_as_lines(tell: Callable[[str], object]) -> Iterator[None]:
     """
     before = sys.__stderr__
     reading, writing = os.pipe()
+    # The middleware logs with the interpreter's lock, without which nobody reads: what is too much at once is lost.
+    os.set_blocking(writing, False)
     with os.fdopen(os.dup(2), 'w', encoding='utf-8', errors='replace') as terminal:
         sys.__stderr__ = terminal  # type: ignore[misc]  # which Textual does not let one set
         os.dup2(writing, 2)

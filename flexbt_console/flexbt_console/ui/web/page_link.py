@@ -9,7 +9,7 @@ import logging
 import struct
 import traceback
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -65,6 +65,7 @@ class PageLink:
         self._pending: list[str] = []
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
+        self._left: Future[None] = Future()
         self._waits = ThreadPoolExecutor(MOST_AT_ONCE, 'waits')  # of its own: nothing else waits for these threads
         self._sending = asyncio.Lock()
 
@@ -80,6 +81,7 @@ class PageLink:
         try:
             await self._hear()
         finally:
+            self._left.set_result(None)
             self._waits.shutdown(wait=False, cancel_futures=True)
             for task in (show, *self._tasks):
                 task.cancel()
@@ -201,7 +203,7 @@ class PageLink:
 
     async def _answer(self, text: str) -> None:
         try:
-            answer = carry_out(read(text), self._station)  # here, so that a stop waits for nothing
+            answer = carry_out(read(text), self._station, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
             if not isinstance(answer, Answer):

@@ -6,14 +6,15 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
-from flexbt_console.commands import Ask, CommandLine, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import Ask, AskedRobot, CommandLine, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import Command
+from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope
 from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
 
 from .station import Station
@@ -73,11 +74,14 @@ class Answer:
 
 
 Later = Callable[[], Answer]
-"""What has to wait for the robot or the simulator, ``Station.timeout`` seconds at most. Raises ConsoleError."""
+"""What has to wait for the robot or the simulator, ``Station.timeout`` seconds at most, but a synthesis: that has a
+time of its own, and ends with the page. Raises ConsoleError."""
 
 
-def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, Any] | Later:
+def carry_out(message: dict[str, Any], station: Station, left: Future[None]) -> Answer | dict[str, Any] | Later:
     """Do what a page asks for; what is no answer is a message for the page. Only :data:`Later` waits for anybody.
+
+    ``left`` is done once the page is closed: what is synthesized for it is canceled.
 
     Raises:
         ConsoleError: it is not written as it has to be, or cannot work now; nothing was sent.
@@ -95,13 +99,13 @@ def carry_out(message: dict[str, Any], station: Station) -> Answer | dict[str, A
         raise UsageError('"decision" is the identifier of a decision, or null')
     if 'answer' in message:
         decision = Bound(decision_id).decision(view)
-        return _done(choose(_text(message, 'answer'), view, station.make, decision), station)
+        return _done(choose(_text(message, 'answer'), view, station.make, decision), station, left)
     if 'do' in message:
-        return _done(interpret(_text(message, 'do'), view, station.make, Bound(decision_id)), station)
+        return _done(interpret(_text(message, 'do'), view, station.make, Bound(decision_id)), station, left)
     raise UsageError('the message asks for nothing that is known: do, answer, complete, obstacle, remove_obstacle')
 
 
-def _done(meaning: Meaning, station: Station) -> Answer | Later:
+def _done(meaning: Meaning, station: Station, left: Future[None]) -> Answer | Later:
     if meaning.command is not None:
         station.link.send(meaning.command, station.timeout, meaning.label)
         return Answer(meaning.command)
@@ -115,12 +119,36 @@ def _done(meaning: Meaning, station: Station) -> Answer | Later:
             view = station.mirror.view()
             return Answer(title=spec.name, lines=tuple(spec.action.show(meaning.line, view, station.mirror).text))
         if isinstance(spec.action, Ask):
-            return partial(_asked, spec.name, spec.action, meaning.line, station)
+            return partial(_asked, spec.name, spec.action, meaning.line, station, left)
     return Answer()
 
 
-def _asked(title: str, action: Ask, line: CommandLine, station: Station) -> Answer:
-    return Answer(title=title, lines=tuple(action.ask(line, station.link, station.timeout, lambda text: None).text))
+def _asked(title: str, action: Ask, line: CommandLine, station: Station, left: Future[None]) -> Answer:
+    shown = action.ask(line, _AskedByPage(station.link, left), station.timeout, lambda text: None)
+    return Answer(title=title, lines=tuple(shown.text))
+
+
+@dataclass(frozen=True)
+class _AskedByPage:
+    """The robot as a page asks it that may be closed before the answer has come."""
+
+    robot: AskedRobot
+    left: Future[None]
+
+    def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        return self.robot.userdata(path, keys, timeout)
+
+    def synthesis(
+        self,
+        request: SynthesisRequest,
+        timeout: float,
+        tell: Callable[[str], None],
+        left: Future[None] | None = None,
+    ) -> Synthesis:
+        return self.robot.synthesis(request, timeout, tell, left or self.left)
+
+    def cancel_synthesis(self) -> int:
+        return self.robot.cancel_synthesis()
 
 
 def _obstacle(where: object, station: Station) -> Answer:

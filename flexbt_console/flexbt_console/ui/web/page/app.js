@@ -152,9 +152,13 @@ function drawRobots() {
   byId('robots-pane').hidden = byId('choose-robot').hidden = others.length === 0;
   const names = known.robots.map((robot) => robot.name).sort();
   const options = [...byId('robot').options].map((option) => option.value);
-  if (names.join('\n') !== options.join('\n')) {
-    byId('robot').replaceChildren(...names.map((name) => element('option', {value: name}, name)));
-    byId('robot').value = known.robot;
+  const isNew = names.join('\n') !== options.join('\n');
+  if (isNew) byId('robot').replaceChildren(...names.map((name) => element('option', {value: name}, name)));
+  if (isNew || document.activeElement !== byId('robot')) byId('robot').value = known.robot;
+  const address = new URL(location);
+  if (names.includes(known.robot) && !address.searchParams.has('robot')) {  // the page is that of this robot also when the link is lost
+    address.searchParams.set('robot', known.robot);
+    history.replaceState(null, '', address);
   }
   const focused = document.activeElement?.dataset.robot;
   byId('robots').replaceChildren(...known.robots.map((robot) => {
