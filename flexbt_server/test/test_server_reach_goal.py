@@ -222,6 +222,33 @@ def test_sensors_may_tell_at_different_moments(bench: Bench) -> None:
     assert tree.failure is not None and 'there is no plan' in tree.failure.reason
 
 
+class Flapping(World):
+    """Whoever looks at the door sees it otherwise than the one before."""
+
+    seen = False
+
+    @property
+    def open(self) -> bool:
+        self.seen = not self.seen
+        return self.seen
+
+    @open.setter
+    def open(self, value: bool) -> None: ...
+
+
+def test_sensors_that_tell_something_else_each_time_are_not_asked_for_ever(bench: Bench) -> None:
+    bench.world = Flapping(cup='')
+    tree = bench.tree()
+    for _ in range(100):
+        bench.clock.advance(0.5)
+        if tree.tick_exactly_once() is not RUNNING:
+            break
+        if tree.next_wake is None and tree.active_nodes(leaves_only=True) == ['reach']:
+            assert bench.bell.wait(DEADLINE)
+            bench.bell.clear()
+    assert tree.failure is not None and 'there is no plan' in tree.failure.reason
+
+
 def shut(world: World) -> None:
     world.open = False
 
@@ -271,6 +298,9 @@ def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
         ('', 'x' * 1_000_001, 'longer than 1000000 bytes'),
         ('time_limit="0"', MISSION, 'port time_limit: 0.0 is no time above 0'),
         ('attempts="0"', MISSION, 'port attempts: 0 is no number from 1'),
+        ('sensor_timeout="-1"', MISSION, 'port sensor_timeout: -1.0 is no time of 0 or more'),
+        ('sensor_timeout="nan"', MISSION, 'port sensor_timeout: nan is no time of 0 or more'),
+        ('sensor_timeout="inf"', MISSION, 'port sensor_timeout: inf is no time of 0 or more'),
     ],
 )
 def test_what_cannot_be_planned_is_a_failure_with_the_reason(

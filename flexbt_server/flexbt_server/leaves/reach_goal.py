@@ -100,6 +100,7 @@ class ReachGoal(ExpandingAction):
         '_sensors_by',
         '_start',
         '_thought',
+        '_timeout',
         '_tried',
         '_why',
     )
@@ -140,6 +141,9 @@ class ReachGoal(ExpandingAction):
             return self.fail(f'port time_limit: {limit!r} is no time above 0 and up to {LONGEST_SEARCH:g} s')
         if not 0 < attempts <= MOST_ATTEMPTS:
             return self.fail(f'port attempts: {attempts!r} is no number from 1 to {MOST_ATTEMPTS}')
+        self._timeout = float(self.get_input('sensor_timeout'))
+        if not 0.0 <= self._timeout < math.inf:
+            return self.fail(f'port sensor_timeout: {self._timeout!r} is no time of 0 or more, s')
         self._left_out.clear()
         self._tried = 0
         file, goal = str(self.get_input('mission')), str(self.get_input('goal'))
@@ -168,7 +172,7 @@ class ReachGoal(ExpandingAction):
 
     def _measure(self) -> NodeStatus:
         self._hopeless = None
-        self._sensors_by = self.clock.now() + float(self.get_input('sensor_timeout'))
+        self._sensors_by = self.clock.now() + self._timeout
         self._next = self._await_measured
         return self._expand(self._goal.measuring, _MEASURING)
 
@@ -181,9 +185,9 @@ class ReachGoal(ExpandingAction):
             return NodeStatus.RUNNING
         goal, limit, left_out = self._goal, float(self.get_input('time_limit')), frozenset(self._left_out)
         start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
+        if self._hopeless is not None and self.clock.now() >= self._sensors_by:
+            return self.fail(self._why)
         if start == self._hopeless:  # sensors may tell at different moments what has happened at once
-            if self.clock.now() >= self._sensors_by:
-                return self.fail(self._why)
             self.wake_at(self._sensors_by)
             return NodeStatus.RUNNING
         self.cancel_wake()
