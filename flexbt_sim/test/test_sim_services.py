@@ -270,6 +270,27 @@ def test_what_is_there_is_moved(bench: Bench) -> None:
     assert move('nobody', (5.0, 2.0)) == Result.RESULT_NOT_FOUND
 
 
+def test_what_is_seen_of_things_is_told_to_newcomers_and_while_time_stands_still(bench: Bench) -> None:
+    bench.set_state(SimulationState.STATE_PAUSED)
+
+    def move(x: float) -> None:
+        request = SetEntityState.Request(entity='crate')
+        request.state.pose = pose((x, 5.0)).pose
+        answer = bench.ask(SetEntityState, 'set_entity_state', entity='crate', state=request.state)
+        assert answer.result.result == Result.RESULT_OK
+
+    def told(message: TFMessage) -> float:
+        (crate,) = message.transforms
+        return float(crate.transform.translation.x)
+
+    move(7.0)
+    heard = bench.listen(TFMessage, 'simulator/things', names.latched())
+    wait_until(lambda: heard)
+    assert told(heard[0]) == 7.0  # and not where it was once
+    move(6.0)
+    wait_until(lambda: told(heard[-1]) == 6.0)
+
+
 def test_time_is_paused_stepped_and_goes_on(bench: Bench) -> None:
     clock = bench.listen(Clock, '/clock', 10)
     playing, paused, stopped = (

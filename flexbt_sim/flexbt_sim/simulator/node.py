@@ -113,6 +113,8 @@ class Simulator:
         self._doors = DoorServices(self)
         self._doors.update()
         self._scene = Scene(self.runtime, self.parameters.map_frame)
+        with self.lock:
+            self._tell_scene()
         EntityServices(self)
         TimeServices(self)
         FaultService(self)
@@ -163,6 +165,8 @@ class Simulator:
     def spawned(self, entity: Entity, namespace: str) -> None:
         """Something has come: a robot gets its topics, in a namespace of its name unless another one is given."""
         self._spawned[entity.name] = namespace
+        with self.lock:
+            self._tell_scene()
         if isinstance(entity, Robot):
             self._connect_robot(entity, f'{namespace.strip("/") or entity.name}/')
         self._doors.update()
@@ -177,6 +181,7 @@ class Simulator:
             self._disconnect_robot(entity.name)
         with self.lock:
             self.world.remove(entity.name)
+            self._tell_scene()
         self._spawned.pop(entity.name, None)
         self._doors.update()
 
@@ -189,6 +194,7 @@ class Simulator:
         """Put something somewhere. Raises SimulationError where it does not fit."""
         with self.lock:
             self.world.move(entity.name, pose)
+            self._tell_scene()
         self.pacer.forget_driver(entity.name)
 
     def reset_state(self) -> None:
@@ -199,6 +205,7 @@ class Simulator:
         """
         with self.lock:
             self.world.reset()
+            self._tell_scene()
         self.pacer.forget_drivers()
 
     def reset_time(self) -> None:
@@ -223,6 +230,7 @@ class Simulator:
             self._spawned.clear()
             for name, topics in self._robots.items():
                 topics.restart(world.robots[name])
+            self._tell_scene()
         self.pacer.forget_drivers()
         for robot in world.robots.values():
             if robot.name not in self._robots:
@@ -242,6 +250,10 @@ class Simulator:
         for topics in self._robots.values():
             topics.tell_server_faults()
 
+    def _tell_scene(self) -> None:
+        """What somebody sees of the world, if it is not as it was, though time may stand still. Under the lock."""
+        self._scene.tell(self.world, self.stamp())
+
     # -- on the executor thread --------------------------------------------------------------------------------------
 
     def _drive(self, robot: Robot, linear: float, angular: float) -> None:
@@ -253,7 +265,9 @@ class Simulator:
 
     def _grip(self, robot: Robot, close: bool) -> str:
         with self.lock:
-            return self.world.grip(robot.name) if close else self.world.release(robot.name)
+            name = self.world.grip(robot.name) if close else self.world.release(robot.name)
+            self._tell_scene()
+            return name
 
     def _initial_pose(self, robot: Robot, pose: Pose) -> None:
         with self.lock:
@@ -318,7 +332,7 @@ class Simulator:
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:
-                self._scene.tell(self.world, Time(sec=stamp[0], nanosec=stamp[1]))
+                self._tell_scene()
             for topics in self._robots.values():
                 moves = self._steps % (self._steps_per_odom if topics.is_busy else self._steps_per_rest) == 0
                 if moves or topics.has_news:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What somebody who looks at the world would see of doors and things, as latched topics: news, when somebody listens.
+"""What somebody who looks at the world would see of doors and things, as latched topics, told when it changes.
 
 ``simulator/doors`` (JointState) has the doors by name, position 0 (closed) to 1 (open); ``simulator/things``
 (TFMessage) the poses of the obstacles: in the map, or, of one in a gripper, in the robot of this name. So one message
@@ -23,7 +23,7 @@ _IN_GRIPPER: Final = Pose(0.0, 0.0, 0.0)
 
 
 class Scene:
-    """Made on the executor thread; tells on the thread of the world."""
+    """Told of the world by whoever changes it, under its lock."""
 
     def __init__(self, runtime: NodeRuntime, frame: str) -> None:
         """``frame`` is that of the map."""
@@ -36,14 +36,14 @@ class Scene:
     def tell(self, world: World, stamp: Time) -> None:
         """Say what is not as it was said before."""
         doors = {name: door.opening for name, door in world.doors.items()}
-        if doors != self._told_doors and self._doors.get_subscription_count():
+        if doors != self._told_doors:
             self._told_doors = doors
             message = JointState(name=list(doors), position=list(doors.values()))
             message.header.stamp = stamp
             self._doors.publish(message)
         things = {name: (self._frame, one.pose) for name, one in world.obstacles.items()}
         things |= {one.name: (robot, _IN_GRIPPER) for robot, one in world.held.items()}
-        if things != self._told_things and self._things.get_subscription_count():
+        if things != self._told_things:
             self._told_things = things
             transforms = [transform(frame, name, pose, stamp) for name, (frame, pose) in things.items()]
             self._things.publish(TFMessage(transforms=transforms))
