@@ -77,6 +77,7 @@ class Breakpoints:
         self._on_held = on_held
         self._placed: dict[tuple[bool, int], _Hook] = {}
         self._muted = False
+        self._ended = False
         self._holding: _Hook | None = None
         self._news = threading.Condition()
         self._callbacks.on_release = self._look
@@ -94,10 +95,17 @@ class Breakpoints:
 
     def take_over_from(self, older: Breakpoints) -> None:
         """Takes the hooks of the same run from before it had other nodes: those of nodes that it has still."""
-        kept = [settings for settings in older.all() if self._nodes.get(settings.uid) is older._nodes[settings.uid]]
-        older.remove_all()
-        for settings in kept:
-            self._place(settings)
+        for settings in older.end():
+            if self._nodes.get(settings.uid) is older._nodes[settings.uid]:
+                self._place(settings)
+
+    def end(self) -> list[Settings]:
+        """Removes all hooks, and gives their settings; from now on none is placed: a request may have come late."""
+        with self._news:
+            self._ended = True
+            settings = self.all()
+            self.remove_all()
+            return settings
 
     def all(self) -> list[Settings]:
         """Copies of the settings of all hooks, those before ticks first, by uid."""
@@ -123,6 +131,8 @@ class Breakpoints:
     def _place(self, settings: Settings) -> None:
         place = (settings.position != 0, settings.uid)
         with self._news:
+            if self._ended:
+                return
             hook = self._placed.get(place)
             if hook is not None:
                 if hook.settings.mode == Mode.BREAKPOINT and settings.mode == Mode.REPLACE:

@@ -69,7 +69,8 @@ class LogWriter:
         if self._ended:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
         else:
-            write(lambda: self._store('wb', _header(tree, epoch)))
+            header = _header(tree, epoch)  # at once: when it is written the tree may have other nodes
+            write(lambda: self._store('wb', header))
 
     def flush(self) -> None:
         """Hands over what was logged. On the thread that ticks the tree."""

@@ -131,6 +131,7 @@ class Groot2Server:
         from now on; None when it is too large."""
         before.end()
         if not self._fits(before.tree):
+            before.breakpoints.end()
             self.remove(before)
             return None
         watched = WatchedTree(before.tree, before.log, self._types, self._tell, on_held)
@@ -252,7 +253,7 @@ class Watch:
         self._server = server
         self._tree = tree
         self._watched: WatchedTree | None = None
-        self._observers: tuple[StatusObserver, ...] = ()
+        self._observers: tuple[StatusObserver, ...] | None = None
 
     def __enter__(self) -> Watch:
         log = MarkLog(clock)
@@ -275,6 +276,7 @@ class Watch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._tree.observe(*self._observers)
+        if self._observers is not None:
+            self._tree.observe(*self._observers)
         if self._watched is not None:
             self._server.remove(self._watched)

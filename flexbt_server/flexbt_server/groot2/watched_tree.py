@@ -67,7 +67,8 @@ class WatchedTree:
                 self._places[node.uid] = len(self._statuses) - 1
         self.log = log
         self._reader = log_reader(tree.nodes, self._change)
-        self._reading = threading.Lock()
+        self._reading = threading.RLock()
+        self._ended = False
         self._recorded: deque[tuple[int, int, int]] = deque(maxlen=RECORDED)
         self._recorded_from = 0
         # Changes whose time has not been read yet.
@@ -83,9 +84,14 @@ class WatchedTree:
         return len(ours) == len(theirs) and all(one is two for one, two in zip(ours, theirs, strict=True))
 
     def end(self) -> None:
-        """Nothing more is about these nodes: reads what was written, and ends a recording of theirs."""
-        self._read()
-        self.log.timed = False
+        """Nothing more is about these nodes: reads what was written, and ends a recording of theirs.
+
+        What is written from now on is for another one, also where a request has come late.
+        """
+        with self._reading:
+            self._read()
+            self.log.timed = False
+            self._ended = True
 
     def settle(self) -> None:
         """A round of a tick is over. Reads what was written, if it is much."""
@@ -94,6 +100,8 @@ class WatchedTree:
 
     def _read(self) -> None:
         with self._reading:
+            if self._ended:
+                return
             marks = self.log.take()
             if self.log.timed:
                 self._read_timed(marks)
@@ -127,9 +135,11 @@ class WatchedTree:
         """Begins to record, and gives the time since the epoch in µs, or ends it."""
         if command not in (b'start', b'stop'):
             return None
-        self._read()
-        self._untimed.clear()
-        self.log.timed = command == b'start'
+        with self._reading:
+            self._read()
+            self._untimed.clear()
+            if not self._ended:
+                self.log.timed = command == b'start'
         if command == b'stop':
             return None
         self._recorded.clear()

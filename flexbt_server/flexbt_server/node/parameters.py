@@ -136,7 +136,13 @@ def declare_parameters(node: Node) -> ServerParameters:
         groot2_address=declare.text('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all'),
         groot2_tree=declare.text('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one'),
         btlog_directory=btlog_directory,
-        btlog_keep=declare.integer('btlog_keep', 100, 1, 1_000_000, 'newest log files that are kept in that directory'),
+        btlog_keep=declare.integer(
+            'btlog_keep',
+            100,
+            1,
+            1_000_000,
+            'newest log files that are kept in that directory; a run of ReachGoal leaves several',
+        ),
         publish_statuses=declare.flag(
             'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
         ),

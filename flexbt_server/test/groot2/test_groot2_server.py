@@ -9,7 +9,8 @@ import os
 import random
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -20,7 +21,7 @@ from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import Blackboard, ExpandingAction, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
-from flexbt_server.groot2 import Groot2Server, MarkLog, WatchedTree
+from flexbt_server.groot2 import Groot2Server, LogWriter, MarkLog, WatchedTree, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
@@ -397,12 +398,16 @@ class Twice(ExpandingAction):
     def on_halted(self) -> None: ...
 
 
-def test_a_tree_that_gets_other_nodes_is_another_one_with_the_same_hooks(server: Groot2Server) -> None:
+def expanding() -> Tree:
     known = registry()
     known.register('Twice', Twice)
     body = '<BehaviorTree ID="Top"><Sequence><AlwaysSuccess/><Twice/></Sequence></BehaviorTree>'
     document = load_xml(f'<root BTCPP_format="4">{body}</root>', 'top.xml', known)
-    shown = Tree(TreeLibrary([document]), 'Top', clock=ManualClock())
+    return Tree(TreeLibrary([document]), 'Top', clock=ManualClock())
+
+
+def test_a_tree_that_gets_other_nodes_is_another_one_with_the_same_hooks(server: Groot2Server) -> None:
+    shown = expanding()
     with server.watch(shown):
         before = shown_tree(server)
         hook = breakpoint(2, mode=1, desired_status='SUCCESS')
@@ -422,3 +427,46 @@ def test_a_tree_that_gets_other_nodes_is_another_one_with_the_same_hooks(server:
         assert len(ask(server, RequestType.STATUS)[1]) == 3 * len(shown.nodes)
         boards = msgpack.unpackb(ask(server, RequestType.BLACKBOARD, b'Twice::3')[1])
         assert boards['Twice::3']['y'] == 5
+
+
+def test_a_request_that_comes_late_for_what_was_there_before_changes_nothing(server: Groot2Server) -> None:
+    """It has found its tree, and the tree has had other nodes since."""
+    shown, log = expanding(), MarkLog(clock)
+    watched = [server.add(shown, log)]
+    first = watched[0]
+    assert first is not None
+
+    def expanded() -> None:
+        assert watched[-1] is not None
+        watched.append(server.expanded(watched[-1]))
+        first.breakpoints.insert(json.loads(breakpoint(2, mode=1, desired_status='FAILURE')))
+        first.toggle_recording(b'start')
+
+    shown.observe(StatusLog(log), on_expanded=expanded)
+    assert shown.tick_exactly_once() is NodeStatus.RUNNING
+    before = first.statuses()
+    assert shown.tick_once() is NodeStatus.SUCCESS
+    assert len(watched) == 3
+    assert (first.statuses(), first.breakpoints.dump(), log.timed) == (before, '[]', False)
+    assert ask(server, RequestType.STATUS)[1][2::3] == bytes([12] * len(shown.nodes))
+
+
+def test_a_log_file_has_the_nodes_with_which_it_began(tmp_path: Path) -> None:
+    shown, log = expanding(), MarkLog(clock, timed=True)
+    steps: list[Callable[[], None]] = []
+    LogWriter(tmp_path / 'x.btlog', shown, log, clock(), 0.0, write=steps.append, on_error=pytest.fail)
+    shown.observe(StatusLog(log))
+    paths = [node.path for node in shown.nodes]
+    assert shown.tick_once() is NodeStatus.SUCCESS and len(shown.nodes) > len(paths)
+    for step in steps:
+        step()
+    assert [node.path for _, node in sorted(read_log(tmp_path / 'x.btlog').nodes.items())] == paths
+
+
+def test_a_tree_that_is_not_shown_keeps_its_observers() -> None:
+    shown = tree()
+    heard: list[int] = []
+    shown.observe(StatusLog(heard))
+    with Groot2Server(next(_PORTS), only='Two') as server, server.watch(shown):
+        pass
+    assert shown.tick_once() is NodeStatus.SUCCESS and heard
