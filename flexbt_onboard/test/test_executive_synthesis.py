@@ -19,6 +19,7 @@ from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
+from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
@@ -154,7 +155,7 @@ def test_what_was_started_during_a_search_is_not_replaced(tmp_path: Path, monkey
     assert kept.read_text(encoding='utf-8') == '# old\n' + MACHINE
 
 
-def test_a_search_whose_operator_is_gone_makes_room(
+def test_a_search_that_nobody_wants_any_more_makes_room(
     bench: SynthesisBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow_search(monkeypatch, tmp_path / 'go')
@@ -167,6 +168,15 @@ def test_a_search_whose_operator_is_gone_makes_room(
         assert 'another synthesis' in bench.made(capabilities=COFFEE, operator_id='ann').message
     result = done.result(DEADLINE).result
     assert result is not None and result.code == Result.CANCELED and "'bob'" in result.message
+
+    # Anybody may end what another one has asked for.
+    anybody = SynthesisQuery(bench.console, '', 'ann')
+    assert anybody.cancel(DEADLINE) == 0
+    _, done = bench.ask(capabilities=COFFEE, name='other', operator_id='bob')
+    bench.logged("synthesis of 'other'")
+    assert anybody.cancel(DEADLINE) == 1
+    result = done.result(DEADLINE).result
+    assert result is not None and result.code == Result.CANCELED
     (tmp_path / 'go').touch()
     # Who was never there is a program.
     assert bench.made(capabilities=COFFEE, name='next', operator_id='ann').code == Result.SUCCESS

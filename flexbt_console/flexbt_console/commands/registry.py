@@ -274,9 +274,9 @@ def _ask_userdata(line: CommandLine, robot: AskedRobot, timeout: float, tell: Ca
 
 def _ask_synthesis(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
     if line.has('--cancel'):
-        count = robot.cancel_synthesis()
+        count = robot.cancel_synthesis(timeout)
         if not count:
-            raise RefusedError('no synthesis is under way that was asked for here')
+            raise RefusedError('no synthesis is under way')
         return Shown(count, ['the synthesis is canceled'])
     request = SynthesisRequest(
         line.first_word,
@@ -583,7 +583,7 @@ COMMANDS: Final = (
             Option('--spec', 'file on the robot of more variables and formulas', 'FILE'),
             Option('--file', 'capability file (YAML) of this computer, in place of SYSTEM', 'FILE', in_prompt=False),
             Option('--time-limit', 'end the search after so long (default 60)', 'SECONDS', read=seconds),
-            Option('--cancel', 'end the synthesis that is under way'),
+            Option('--cancel', 'end the synthesis that is under way, whoever asked for it'),
         ),
         details=(
             "SYSTEM is a capability file of the robot: a name in the executive's capability_directories, or "

@@ -158,7 +158,7 @@ class AskedRobot(Protocol):
         """
         ...
 
-    def cancel_synthesis(self) -> int:
+    def cancel_synthesis(self, timeout: float) -> int:
         """Cancel what is being made; how many these were."""
         ...
 
@@ -182,7 +182,7 @@ class NobodyAsked:
         """Refuse it."""
         raise RefusedError(self.why)
 
-    def cancel_synthesis(self) -> int:
+    def cancel_synthesis(self, timeout: float) -> int:
         """Refuse it."""
         raise RefusedError(self.why)
 

@@ -176,9 +176,13 @@ class OperatorLink:
         """
         return self._synthesis_query().ask(request, timeout, tell, left)
 
-    def cancel_synthesis(self) -> int:
-        """Cancel what is being made; how many these were. Raises RefusedError for an observer."""
-        return self._synthesis_query().cancel()
+    def cancel_synthesis(self, timeout: float) -> int:
+        """Cancel what is being made; how many these were.
+
+        Raises what :meth:`flexbt_console.link.synthesis_query.SynthesisQuery.cancel` raises, and RefusedError for an
+        observer.
+        """
+        return self._synthesis_query().cancel(timeout)
 
     def _synthesis_query(self) -> SynthesisQuery:
         from .synthesis_query import SynthesisQuery  # what only this command needs

@@ -152,7 +152,10 @@ class Synthesizer:
             CommandRefusedError: it cannot be begun; says why.
         """
         if self._search is not None:
-            raise CommandRefusedError('another synthesis is under way; cancel it, or wait for its end')
+            raise CommandRefusedError(
+                f'another synthesis is under way, of {self._search.name!r}{_by(self._search.request)}; cancel it '
+                '(synthesize --cancel), or wait for its end'
+            )
         if bool(request.system) == bool(request.capabilities):
             raise CommandRefusedError('say either which system it is, or give the text of its capabilities')
         if not (math.isfinite(request.seconds) and 0.0 <= request.seconds <= MOST_SECONDS):

@@ -147,8 +147,8 @@ class _AskedByPage:
     ) -> Synthesis:
         return self.robot.synthesis(request, timeout, tell, left or self.left)
 
-    def cancel_synthesis(self) -> int:
-        return self.robot.cancel_synthesis()
+    def cancel_synthesis(self, timeout: float) -> int:
+        return self.robot.cancel_synthesis(timeout)
 
 
 def _obstacle(where: object, station: Station) -> Answer:
