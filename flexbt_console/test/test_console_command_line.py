@@ -78,6 +78,10 @@ def test_wrong_usage_is_found_before_anything_is_started(words: str) -> None:
         check(parse(words.split()))
 
 
+def test_cancel_stands_alone_among_the_options_of_its_command() -> None:
+    check(parse(['synthesize', '--cancel', '--operator', 'ann', '--timeout', '2']))
+
+
 def test_a_near_name_is_suggested() -> None:
     with pytest.raises(UsageError, match="did you mean 'status'"):
         parse(['statsu'])

@@ -296,7 +296,8 @@ def _ask_synthesis(line: CommandLine, robot: AskedRobot, timeout: float, tell: C
 
 def _check_synthesis(line: CommandLine) -> None:
     if line.has('--cancel'):
-        if line.words or len(line.options) > 1:
+        own = {option.name for option in line.spec.options} if line.spec is not None else set()
+        if line.words or own & line.options.keys() != {'--cancel'}:
             raise UsageError('--cancel stands alone: it ends the synthesis that is under way')
     elif line.has('--file') == bool(line.words):
         raise UsageError('name the SYSTEM that the robot knows, or a file of capabilities of this computer by --file')
