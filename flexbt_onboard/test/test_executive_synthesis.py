@@ -16,10 +16,9 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks
+from flexbt_common.calls import ActionCall, ActionLinks, ServiceCall, ServiceLinks
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
@@ -71,6 +70,15 @@ class SynthesisBench(ExecutiveBench):
         done: Future[Any] = Future()
         goal = SynthesizeBehavior.Goal(**fields)
         return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=DEADLINE), done
+
+    def cancel_all(self) -> int:
+        """What a console asks for that asked for nothing itself; how many searches are canceled."""
+        done: Future[Any] = Future()
+        service: Any = SynthesizeBehavior.Impl.CancelGoalService
+        link = ServiceLinks(self.console).link(service, f'{names.SYNTHESIZE_BEHAVIOR}/_action/cancel_goal')
+        request = service.Request()
+        ServiceCall(link, request, on_done=done.set_result, server_timeout=DEADLINE, response_timeout=DEADLINE)
+        return len(done.result(2.0 * DEADLINE).response.goals_canceling)
 
     def made(self, **fields: Any) -> Any:
         result = self.ask(**fields)[1].result(DEADLINE).result
@@ -170,11 +178,10 @@ def test_a_search_that_nobody_wants_any_more_makes_room(
     assert result is not None and result.code == Result.CANCELED and "'bob'" in result.message
 
     # Anybody may end what another one has asked for.
-    anybody = SynthesisQuery(bench.console, '', 'ann')
-    assert anybody.cancel(DEADLINE) == 0
+    assert bench.cancel_all() == 0
     _, done = bench.ask(capabilities=COFFEE, name='other', operator_id='bob')
     bench.logged("synthesis of 'other'")
-    assert anybody.cancel(DEADLINE) == 1
+    assert bench.cancel_all() == 1
     result = done.result(DEADLINE).result
     assert result is not None and result.code == Result.CANCELED
     (tmp_path / 'go').touch()
