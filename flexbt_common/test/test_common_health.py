@@ -72,6 +72,8 @@ def test_a_clock_that_hangs_is_no_stop_of_the_process() -> None:
         clock.stopped += OUT_OF_REACH_SECONDS / 2.0
         health.look()
     assert not told
+    clock.advance(2.0 * PERIOD)
+    assert [hang.was_out_of_reach for hang in told] == [False]
 
 
 def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:

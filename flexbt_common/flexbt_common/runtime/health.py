@@ -243,17 +243,18 @@ class Health:
             pause, self._looked_at = now - max(self._asked_at, self._looked_at), now
             if pause >= OUT_OF_REACH_SECONDS:
                 self._asked_at = now
-                self._tell_pause(pause)
+                self._tell_pause(pause, pause)
 
     def _ask(self) -> None:
         with self._pausing:
             if self._failure:
                 return
             now = self._steady.now()
-            pause, self._asked_at = now - (self._asked_at or now), now
+            asked_at, self._asked_at = now if self._asked_at is None else self._asked_at, now
+            pause = now - asked_at
             self._steady.call_at(now + PERIOD, self._ask)
             if pause > HANG_SECONDS:
-                self._tell_pause(pause)
+                self._tell_pause(pause, now - max(asked_at, self._looked_at))
         with self._lock:
             missing = sorted(self._missing, key=lambda watched: watched.asked_at)
             asked = [] if missing else list(self._watched)
@@ -267,9 +268,10 @@ class Health:
         if not missing and not asked:
             self._beat()
 
-    def _tell_pause(self, seconds: float) -> None:
+    def _tell_pause(self, seconds: float, stopped: float) -> None:
+        """The clock's thread was not there for some seconds, and for ``stopped`` of them no other that looks."""
         name = 'the whole process (it was stopped, or its computer is busy)'
-        self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=seconds >= OUT_OF_REACH_SECONDS))
+        self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))
 
     def _tell_missing(self, missing: list[Watched], now: float) -> None:
         longest = missing[0].hang(now)
