@@ -171,7 +171,8 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
     world.place(DOCK)
 
     def shows_where_the_robot_was_put() -> bool:  # the servers may learn it later than the probe
-        assert set_graph(world, write(tmp_path / 'other', other))
+        if not set_graph(world, write(tmp_path / 'other', other)):  # no transform of the robot since it was put there
+            return False
         goal = by_ids(world, 7, 8)
         assert goal.wait().status is GoalStatus.SUCCEEDED
         place = goal.result.route.nodes[1].position
