@@ -13,6 +13,7 @@ ran for a while is told before a thread goes on that has looked (:meth:`Health.l
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import threading
 import traceback
@@ -160,7 +161,7 @@ class Health:
         self._on_beat: list[Callable[[], object]] = []
         self._on_late: list[Callable[[str], object]] = []
         self._on_hang: list[Callable[[Hang], object]] = []
-        self._asked_at: float | None = None
+        self._asked_at = math.inf  # not yet
         self._looked_at = 0.0
         # Held until a pause is told: whoever looks meanwhile goes on after that. Before the other locks.
         self._pausing = threading.RLock()
@@ -201,7 +202,7 @@ class Health:
         """Have ``fn`` called whenever everything has answered."""
         with self._lock:
             self._on_beat.append(fn)
-            begins = self._asked_at is None
+            begins = self._asked_at == math.inf
             if begins:
                 self._asked_at = self._steady.now()
         if begins:
@@ -238,8 +239,6 @@ class Health:
         """
         with self._pausing:
             now = self._steady.now()
-            if self._asked_at is None:
-                return
             pause, self._looked_at = now - max(self._asked_at, self._looked_at), now
             if pause >= OUT_OF_REACH_SECONDS:
                 self._asked_at = now
@@ -250,7 +249,7 @@ class Health:
             if self._failure:
                 return
             now = self._steady.now()
-            asked_at, self._asked_at = now if self._asked_at is None else self._asked_at, now
+            asked_at, self._asked_at = self._asked_at, now
             pause = now - asked_at
             self._steady.call_at(now + PERIOD, self._ask)
             if pause > HANG_SECONDS:

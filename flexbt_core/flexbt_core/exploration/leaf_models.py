@@ -53,9 +53,8 @@ class LeafModel:
     """What a node may do.
 
     ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
-    let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first.
-    The tree does not wait for one that
-    ``ignores_cancel`` once it was halted.
+    let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first. The tree
+    does not wait for one that ``ignores_cancel`` once it was halted.
     """
 
     kind: LeafKind

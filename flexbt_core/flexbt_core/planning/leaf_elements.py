@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
+from .coverage import Coverage
 from .model import Domain, PlanningError, bits
 from .problem import Leaf, Problem
 
@@ -17,6 +18,7 @@ FAILURE_ENTRY: Final = 'plan_failure'
 COUNT_ENTRY: Final = 'plan_actions'
 """The entry of the blackboard with the number of actions that succeeded."""
 
+_MARGIN: Final = 3
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
 """Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
 _BUILTIN: Final = ('ScriptCondition', 'Script')
@@ -92,6 +94,11 @@ class LeafWriter:
 def add(parent: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
     """A new child."""
     return ElementTree.SubElement(parent, tag, attributes)
+
+
+def allowed_actions(coverage: Coverage) -> int:
+    """Three times as many actions as the longest way that was tried: after so many a tree gives up."""
+    return _MARGIN * max(1, coverage.longest)
 
 
 def actions_left(parent: ElementTree.Element, most: int) -> None:

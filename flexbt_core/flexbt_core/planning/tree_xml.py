@@ -22,16 +22,13 @@ that succeeds without its effects is done again, and counts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 from xml.etree import ElementTree
 
 from .compaction import Group, Rule
-from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, give_up
+from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, allowed_actions, give_up
 from .planner import Plan
 from .policy import Policy
 from .problem import Problem
-
-_MARGIN: Final = 3
 
 
 def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:
@@ -47,7 +44,7 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
     if most_actions is None:
-        most_actions = _MARGIN * max(1, plan.coverage.longest)
+        most_actions = allowed_actions(plan.coverage)
     writer = _Writer(plan.problem, plan.policy)
     return writer.document(name, [writer.tree(name, plan.members, most_actions)])
 

@@ -16,8 +16,7 @@ from .graph import BAD, GOOD, Choices, reach
 from .model import Model
 from .paths import Order, Path
 from .properties import Property, judge_of
-from .rounds import GOOD as SATISFIED
-from .rounds import EndlessError, Flow, Outcomes, Rounds
+from .rounds import SATISFIED, EndlessError, Flow, Outcomes, Rounds
 from .system import NANOSECONDS, Followers, State, Step
 
 _CHAIN: Final = 2_000

@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 from .paths import Path
 from .system import State, Step
 
-GOOD: Final = -1
-BAD: Final = -2
+SATISFIED: Final = -1
+FAILED: Final = -2
 _STEPS: Final = 4_000
 """Steps in one round, after which the model is followed in another way."""
 
 Outcomes = list[tuple[float, int]]
-"""Probabilities, and numbers of states, GOOD or BAD."""
+"""Probabilities, and numbers of states, SATISFIED or FAILED."""
 Made = tuple[State, Step, State]
 
 
@@ -63,8 +63,8 @@ class Rounds:
         return found
 
     def at_end(self, number: int) -> int:
-        """GOOD or BAD, when time is over."""
-        return GOOD if self._path.at_end(self._states[number]) else BAD
+        """SATISFIED or FAILED, when time is over."""
+        return SATISFIED if self._path.at_end(self._states[number]) else FAILED
 
     def _begun(self, number: int, time: int) -> State:
         return self._states[number]._replace(time=time, due=0)
@@ -92,13 +92,13 @@ class Rounds:
         path = self._path
         decided = path.decided(state, 0)
         if decided is not None:
-            return (GOOD if decided else BAD), []
+            return (SATISFIED if decided else FAILED), []
         steps = path.steps(state)
         if steps and steps[0].kind != 'time':
             return None, steps
         if not steps and path.system.is_blocked(state):
             self.stuck = self.stuck or path.system.waiting(state)
-            return (GOOD if path.at_end(state) else BAD), []
+            return (SATISFIED if path.at_end(state) else FAILED), []
         rest = State(0, -1, state.locals, (), state.tree, state.seen, 0)
         number = self._numbers.get(rest)
         if number is None:
@@ -177,11 +177,11 @@ class Flow:
     def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
         """Whether it is new at this time."""
         if number < 0:
-            if number == GOOD:
+            if number == SATISFIED:
                 self.good += probability
             else:
                 self.bad += probability
-            wanted = GOOD if self._path.asked.is_negated else BAD
+            wanted = SATISFIED if self._path.asked.is_negated else FAILED
             if number == wanted and self._fails is None:
                 self._fails = (len(self._layers), place)
             return False
@@ -200,7 +200,7 @@ class Flow:
         if self._fails is None:
             return ()
         layer, place = self._fails
-        goal = GOOD if self._path.asked.is_negated else BAD
+        goal = SATISFIED if self._path.asked.is_negated else FAILED
         made: list[list[Made]] = []
         while layer > 0:
             before = self._layers[layer - 1]

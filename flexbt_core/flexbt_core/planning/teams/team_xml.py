@@ -26,7 +26,6 @@ others may set, too. Then the branches without it are left.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final
 from xml.etree import ElementTree
 
 from flexbt_core.planning.compaction import Group, Rule
@@ -36,6 +35,7 @@ from flexbt_core.planning.leaf_elements import (
     LeafWriter,
     actions_left,
     add,
+    allowed_actions,
     give_up,
     quoted,
 )
@@ -44,8 +44,6 @@ from flexbt_core.planning.problem import Problem
 from .team import entry
 from .team_planner import TeamPlan
 from .team_policy import WAITS, TeamPolicy
-
-_MARGIN: Final = 3
 
 
 def team_xml(plan: TeamPlan, name: str = 'Plan', most_actions: int | None = None) -> str:
@@ -61,7 +59,7 @@ def team_xml(plan: TeamPlan, name: str = 'Plan', most_actions: int | None = None
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
     if most_actions is None:
-        most_actions = _MARGIN * max(1, plan.coverage.longest)
+        most_actions = allowed_actions(plan.coverage)
     writer = _TeamWriter(plan.problem, plan.policy)
     robots = [(robot, entry(name, robot)) for robot in plan.policy.robots]
     trees = [writer.robot(robot, id, members) for (robot, id), members in zip(robots, plan.policy.members, strict=True)]
