@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 LINK = re.compile(r'!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?[^)]*\)')
 ELSEWHERE = re.compile(r'[a-z][a-z+.-]*:|//')
 INCLUDE = re.compile(r'^```\{include\} (\S+)$', re.MULTILINE)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 UNDERLAY = ROOT / 'underlay'
 VALUE = re.compile(r'^[^\s#]+[ \t]+(\w+)(?:[ \t]*=[ \t]*|[ \t]+)([^\s#]+)', re.MULTILINE)
 """A line of a definition: a type, a name, and the value of a constant or the default of a field."""

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-DOCS = Path(__file__).parents[2] / 'docs'
+DOCS = Path(__file__).parents[3] / 'docs'
 
 
 def test_the_page_is_up_to_date(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ from flexbt_testing.nodes.server_world import open_world
 from flexbt_testing.waiting import wait_until
 
 RUNNING, SUCCESS, FAILURE = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE
-GUIDE = Path(__file__).parents[2] / 'docs' / 'how_to' / 'goals.md'
+GUIDE = Path(__file__).parents[3] / 'docs' / 'how_to' / 'goals.md'
 SKILLS, MISSION, _, _ = re.findall(r'```yaml\n(.*?)```', GUIDE.read_text(), re.S)
 FORESEEN = MISSION
 UNFORESEEN = MISSION.split('disturbances:')[0]

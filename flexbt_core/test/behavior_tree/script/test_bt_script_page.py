@@ -11,7 +11,7 @@ import pytest
 
 from flexbt_core.behavior_tree import Blackboard, ScriptLibrary
 
-PAGE = (Path(__file__).parents[3] / 'docs' / 'reference' / 'bt_scripts.md').read_text().replace(r'\|', '|')
+PAGE = (Path(__file__).parents[4] / 'docs' / 'reference' / 'bt_scripts.md').read_text().replace(r'\|', '|')
 VALUES = re.findall(r"^\| `(.+)` \| ([-\d.']+.*) \|$", PAGE, re.MULTILINE)
 ENTRIES = re.findall(r'^\| `(.+)` \| (\w+) = (\S+) \|$', PAGE, re.MULTILINE)
 

@@ -20,7 +20,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.server_common import declare_navigation_parameters
 from flexbt_sim.simulator import declare_simulator_parameters
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 REFERENCE = ROOT / 'docs' / 'reference'
 EXECUTABLES = (REFERENCE / 'executables.md').read_text(encoding='utf-8')
 

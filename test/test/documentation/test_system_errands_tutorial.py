@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGE = ROOT / 'docs' / 'tutorials' / 'errands.md'
 FENCE = '```'
 OUTCOME_TIMEOUT_S = 120

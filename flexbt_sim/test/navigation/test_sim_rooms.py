@@ -19,8 +19,8 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, GridPlanner, Inflation
 from flexbt_sim.world import Pose, load_map
 
-MAPS = Path(__file__).parents[1] / 'maps'
-SANDBOX = Path(__file__).parents[3] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
+MAPS = Path(__file__).parents[2] / 'maps'
+SANDBOX = Path(__file__).parents[4] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
 ROOMS = load_map(MAPS / 'rooms.yaml')
 PLACES = {name: Pose(**pose) for name, pose in yaml.safe_load((MAPS / 'rooms_places.yaml').read_text()).items()}
 

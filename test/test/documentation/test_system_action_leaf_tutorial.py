@@ -14,7 +14,7 @@ from flexbt_msgs.action import BtExecute
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 
-PAGE = (Path(__file__).parents[2] / 'docs' / 'tutorials' / 'action_leaf.md').read_text(encoding='utf-8')
+PAGE = (Path(__file__).parents[3] / 'docs' / 'tutorials' / 'action_leaf.md').read_text(encoding='utf-8')
 
 
 def block(name: str) -> str:

@@ -20,7 +20,7 @@ from flexbt_testing.state_machines import Bench
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 
-README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+README = (Path(__file__).parents[3] / 'README.md').read_text(encoding='utf-8')
 IMPORTS_OF_THE_MISSION = """
 from deliveries.count_state import CountState
 from flexbt_core.state_machine import Autonomy, Child, OperatableStateMachine

@@ -16,7 +16,7 @@ from PIL import Image
 
 from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, Pose, load_map
 
-STOCK = Path(__file__).parents[3] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
+STOCK = Path(__file__).parents[4] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
 in_directory = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 

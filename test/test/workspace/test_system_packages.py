@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_packages_with_prefixes
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 # Import name -> key in rosdep's python.yaml.
 ROSDEP_KEYS = {

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 TIMEOUT_S = 60
 PYTHON = Path(sys.base_prefix) / 'bin' / f'python3.{sys.version_info.minor}'
 

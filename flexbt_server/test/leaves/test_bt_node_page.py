@@ -20,7 +20,7 @@ from flexbt_core.clock import ManualClock
 from flexbt_server import leaves, nav2
 from flexbt_server.node_types import node_registry
 
-DOCS = Path(__file__).parents[2] / 'docs'
+DOCS = Path(__file__).parents[3] / 'docs'
 REGISTRY = node_registry(lambda point, error: None)
 EXAMPLES = {manifest.id: manifest.example for manifest in REGISTRY if manifest.example is not None}
 
