@@ -3,7 +3,7 @@
 
 Monitors (see :class:`flexbt_testing.state_machines.Bench`) watch each run, and have nothing to tell.
 
-By hand, with more and larger machines: HFSM_EXAMPLES=1700 HFSM_STATES=200 python -m pytest test/state_machine/engine/test_hfsm_random.py
+By hand, with more and larger machines: HFSM_EXAMPLES=1700 HFSM_STATES=200 python -m pytest -k hfsm_random
 """
 
 from __future__ import annotations
