@@ -15,10 +15,18 @@ What only makes it faster is in ``acceleration``, which may be left out: FLEXBT_
 
 import os
 
+from flexbt_core.behavior_tree.bases import (
+    CoroutineAction,
+    SimpleAction,
+    SimpleDecorator,
+    ThreadedAction,
+    simple_action,
+    simple_condition,
+    simple_decorator,
+)
 from flexbt_core.behavior_tree.engine import (
     Condition,
     Control,
-    CoroutineAction,
     Decorator,
     ExpandingAction,
     Halted,
@@ -26,14 +34,11 @@ from flexbt_core.behavior_tree.engine import (
     NodeRegistry,
     PostTick,
     PreTick,
-    SimpleAction,
-    SimpleDecorator,
     StatefulAction,
     StatusObserver,
     Substitute,
     SubTreeInstance,
     SyncAction,
-    ThreadedAction,
     TickCallbacks,
     TickCommand,
     TickControl,
@@ -41,11 +46,6 @@ from flexbt_core.behavior_tree.engine import (
     TreeContext,
     TreeNode,
     UnfinishedWork,
-    node_skill,
-    node_skills,
-    simple_action,
-    simple_condition,
-    simple_decorator,
 )
 from flexbt_core.behavior_tree.model import (
     EMPTY,
@@ -93,6 +93,7 @@ from flexbt_core.behavior_tree.model import (
     output_port,
     show_blackboard,
 )
+from flexbt_core.behavior_tree.node_skills import node_skill, node_skills
 from flexbt_core.behavior_tree.nodes import Loop, builtin_registry
 from flexbt_core.behavior_tree.observers import Log, LogReader, StatusLog, log_reader
 from flexbt_core.behavior_tree.script import ScriptLibrary

@@ -10,29 +10,46 @@
     else:
         file.write_text(tree_xml(found))
 
-``model`` has what is planned with, ``search`` finds plans, ``policy`` and ``compaction`` make branches of them,
-``coverage`` tries these, ``tree_xml`` writes them. ``teams`` has the same for several robots,
-``regions`` makes a map,
-``measurement`` finds out where a robot begins.
+``problems`` has what is planned, ``backward_search`` finds plans, ``trees`` makes trees of them, tries these and writes
+them. ``teams`` has the same for several robots, ``regions`` makes a map.
 """
 
-from .btpg import read_scene
-from .compaction import Group, Rule, chosen, compact
-from .coverage import Coverage, Disturbance, explore
-from .goal import conditions, parse_goal
-from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, failed_action
-from .measurement import Measurement
-from .mission import Mission, read_mission
-from .model import Action, Condition, Domain, PlanningError
-from .planner import Plan, plan
-from .policy import Branch, Policy
-from .problem import Leaf, Problem
-from .reachability import Reachability
+from .backward_search import Outcome, Progress, Reachability, SearchResult, Step, search
+from .problems import (
+    Action,
+    Condition,
+    Domain,
+    Leaf,
+    Measurement,
+    Mission,
+    PlanningError,
+    Problem,
+    conditions,
+    parse_goal,
+    read_mission,
+    read_scene,
+    sensor_leaf,
+    skill_problem,
+)
 from .regions import Move, MoveKind, Region, RegionKind, RegionMap, region_map
-from .search import Outcome, Progress, SearchResult, Step, search
-from .skill_problem import sensor_leaf, skill_problem
 from .teams import Task, Team, TeamBranch, TeamPlan, TeamPolicy, plan_team, team_problem, team_xml
-from .tree_xml import tree_xml
+from .trees import (
+    COUNT_ENTRY,
+    FAILURE_ENTRY,
+    Branch,
+    Coverage,
+    Disturbance,
+    Group,
+    Plan,
+    Policy,
+    Rule,
+    chosen,
+    compact,
+    explore,
+    failed_action,
+    plan,
+    tree_xml,
+)
 
 __all__ = [
     'COUNT_ENTRY',

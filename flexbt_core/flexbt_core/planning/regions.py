@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from .coverage import MOST_STATES, Disturbance
-from .model import Domain, bits
-from .planner import Plan
-from .policy import Branch, Policy
+from .problems import Domain, bits
 from .teams import TeamBranch, TeamPlan, TeamPolicy
+from .trees import MOST_STATES, Branch, Disturbance, Plan, Policy
 
 
 class RegionKind(Enum):

@@ -4,16 +4,11 @@
 from .conditions import Conditions, NodeScript
 from .context import Tick, TreeContext, UnfinishedWork
 from .control import Control, ControlNode
-from .coroutine import CoroutineAction
 from .decorator import Decorator, DecoratorNode
 from .expanding import ExpandingAction
 from .leaf import Condition, Halted, LeafNode, StatefulAction, SyncAction
-from .node import NodeConfig, StatusObserver, TreeNode, node_path
-from .node_skill import node_skill
-from .node_skills import node_skills
+from .node import NO_PORTS, NodeConfig, StatusObserver, TreeNode, node_path
 from .registry import NodeRegistry
-from .simple import SimpleAction, SimpleDecorator, simple_action, simple_condition, simple_decorator
-from .threaded import ThreadedAction
 from .tick_callbacks import PostTick, PreTick, TickCallbacks
 from .tick_control import TickCommand, TickControl
 from .ticking import halt_child
@@ -21,11 +16,11 @@ from .tree import Tree
 from .tree_builder import Substitute, SubTreeInstance
 
 __all__ = [
+    'NO_PORTS',
     'Condition',
     'Conditions',
     'Control',
     'ControlNode',
-    'CoroutineAction',
     'Decorator',
     'DecoratorNode',
     'ExpandingAction',
@@ -36,14 +31,11 @@ __all__ = [
     'NodeScript',
     'PostTick',
     'PreTick',
-    'SimpleAction',
-    'SimpleDecorator',
     'StatefulAction',
     'StatusObserver',
     'SubTreeInstance',
     'Substitute',
     'SyncAction',
-    'ThreadedAction',
     'Tick',
     'TickCallbacks',
     'TickCommand',
@@ -54,9 +46,4 @@ __all__ = [
     'UnfinishedWork',
     'halt_child',
     'node_path',
-    'node_skill',
-    'node_skills',
-    'simple_action',
-    'simple_condition',
-    'simple_decorator',
 ]

@@ -11,9 +11,8 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from flexbt_core.planning.model import Domain
-from flexbt_core.planning.reachability import Reachability
-from flexbt_core.planning.search import Outcome, Progress, SearchResult, search
+from flexbt_core.planning.backward_search import Outcome, Progress, Reachability, SearchResult, search
+from flexbt_core.planning.problems import Domain
 
 from .order import ends, predecessors
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_core.planning.model import Domain
+from flexbt_core.planning.problems import Domain
 
 
 def predecessors(domain: Domain, plan: Sequence[int], doers: Sequence[str]) -> list[int]:

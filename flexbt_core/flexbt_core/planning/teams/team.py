@@ -7,9 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from flexbt_core.planning.model import Action, PlanningError
-from flexbt_core.planning.problem import Leaf, Problem
-from flexbt_core.planning.skill_problem import grounded_problem
+from flexbt_core.planning.problems import Action, Leaf, PlanningError, Problem, grounded_problem
 from flexbt_core.skills import ANYTHING, SkillError, SkillLibrary, parse_literal
 from flexbt_core.values import hint
 

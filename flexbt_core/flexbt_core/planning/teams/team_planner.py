@@ -8,12 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from flexbt_core.planning.coverage import Coverage, Disturbance, explore
-from flexbt_core.planning.model import bits
-from flexbt_core.planning.planner import compiled, why_not
-from flexbt_core.planning.problem import Problem
-from flexbt_core.planning.reachability import Reachability
-from flexbt_core.planning.search import Outcome, Progress
+from flexbt_core.planning.backward_search import Outcome, Progress, Reachability
+from flexbt_core.planning.problems import Problem, bits
+from flexbt_core.planning.trees import Coverage, Disturbance, compiled, explore, why_not
 
 from .division import Divider
 from .team import Team, staffed

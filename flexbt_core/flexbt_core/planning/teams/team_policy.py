@@ -12,10 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-from flexbt_core.planning.compaction import chosen, compact
-from flexbt_core.planning.coverage import fault
-from flexbt_core.planning.model import Domain, PlanningError
-from flexbt_core.planning.policy import Branch
+from flexbt_core.planning.problems import Domain, PlanningError
+from flexbt_core.planning.trees import Branch, chosen, compact, fault
 
 from .division import Division
 from .order import ends

@@ -28,18 +28,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from xml.etree import ElementTree
 
-from flexbt_core.planning.compaction import Group, Rule
-from flexbt_core.planning.leaf_elements import (
+from flexbt_core.planning.problems import Problem
+from flexbt_core.planning.trees import (
     COUNT_ENTRY,
     FAILURE_ENTRY,
+    Group,
     LeafWriter,
+    Rule,
     actions_left,
     add,
     allowed_actions,
     give_up,
     quoted,
 )
-from flexbt_core.planning.problem import Problem
 
 from .team import entry
 from .team_planner import TeamPlan

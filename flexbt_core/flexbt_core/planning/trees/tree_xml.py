@@ -24,11 +24,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
+from flexbt_core.planning.problems import Problem
+
 from .compaction import Group, Rule
 from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, allowed_actions, give_up
 from .planner import Plan
 from .policy import Policy
-from .problem import Problem
 
 
 def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) -> str:

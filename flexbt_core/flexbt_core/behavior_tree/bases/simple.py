@@ -18,11 +18,8 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from flexbt_core.behavior_tree.engine import NO_PORTS, Condition, Decorator, SyncAction
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus, Port
-
-from .decorator import Decorator
-from .leaf import Condition, SyncAction
-from .node import NO_PORTS
 
 ActionFunction = Callable[['SimpleAction'], NodeStatus]
 ConditionFunction = Callable[[Condition], 'NodeStatus | bool']

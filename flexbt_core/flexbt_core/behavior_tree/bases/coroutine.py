@@ -8,11 +8,8 @@ from abc import abstractmethod
 from collections.abc import Callable, Coroutine, Generator
 from typing import Any, Final, Protocol, TypeVar
 
+from flexbt_core.behavior_tree.engine import Halted, LeafNode, NodeConfig, UnfinishedWork
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
-
-from .context import UnfinishedWork
-from .leaf import Halted, LeafNode
-from .node import NodeConfig
 
 T = TypeVar('T', covariant=True)
 

@@ -13,7 +13,8 @@ import math
 from collections import defaultdict
 from typing import Final
 
-from .model import bits
+from flexbt_core.planning.problems import bits
+
 from .reachability import Reachability
 
 

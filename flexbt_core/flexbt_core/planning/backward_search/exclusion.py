@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import Final
 
-from .model import Domain, bits
+from flexbt_core.planning.problems import Domain, bits
 
 
 class Exclusions:

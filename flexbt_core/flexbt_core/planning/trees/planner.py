@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
+from flexbt_core.planning.backward_search import Outcome, Progress, Reachability, SearchResult, Step, search
+from flexbt_core.planning.problems import Action, Domain, Problem, bits
+
 from .compaction import CompactPolicy, Group, Rule
 from .coverage import Coverage, Disturbance, explore
-from .model import Action, Domain, bits
 from .policy import Policy
-from .problem import Problem
-from .reachability import Reachability
-from .search import Outcome, Progress, SearchResult, Step, search
 
 GOAL: Final = 'any of the goals'
 

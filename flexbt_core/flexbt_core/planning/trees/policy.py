@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
-from .model import Domain
-from .search import Step
+from flexbt_core.planning.backward_search import Step
+from flexbt_core.planning.problems import Domain
 
 
 class Branch(NamedTuple):

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from flexbt_core.planning.problems import PlanningError
+
 from .coverage import fault
-from .model import PlanningError
 from .policy import Branch, Policy
 
 _NODES_OF_GROUP = 2

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
+from flexbt_core.planning.problems import Domain, Leaf, PlanningError, Problem, bits
+
 from .coverage import Coverage
-from .model import Domain, PlanningError, bits
-from .problem import Leaf, Problem
 
 FAILURE_ENTRY: Final = 'plan_failure'
 """The entry of the blackboard that says why a tree gave up."""

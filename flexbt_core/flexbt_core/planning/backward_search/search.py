@@ -22,8 +22,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final, NamedTuple
 
+from flexbt_core.planning.problems import bits
+
 from .lm_cut import LmCut
-from .model import bits
 from .reachability import Reachability
 
 _REPORT_INTERVAL: Final = 0.2

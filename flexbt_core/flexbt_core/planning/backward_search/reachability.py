@@ -13,8 +13,9 @@ from collections import defaultdict
 from collections.abc import Iterable
 from typing import Final
 
+from flexbt_core.planning.problems import Domain, bits
+
 from .exclusion import Exclusions
-from .model import Domain, bits
 
 
 class Reachability:

@@ -7,11 +7,8 @@ import threading
 from abc import abstractmethod
 from typing import Any
 
+from flexbt_core.behavior_tree.engine import Halted, LeafNode, NodeConfig, UnfinishedWork
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeExecutionError, NodeKind, NodeStatus
-
-from .context import UnfinishedWork
-from .leaf import Halted, LeafNode
-from .node import NodeConfig
 
 
 class ThreadedAction(LeafNode):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from .model import Action, Domain, PlanningError
+from flexbt_core.planning.problems import Action, Domain, PlanningError
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The skills of all node types of a registry, as one library."""
+"""The skills of leaves: what their classes declare, completed by what ports and outcomes tell."""
 
 from __future__ import annotations
 
@@ -7,11 +7,35 @@ import inspect
 from collections.abc import Callable
 from dataclasses import replace
 
-from flexbt_core.behavior_tree.model import NodeManifest
-from flexbt_core.skills import Skill, SkillLibrary
+from flexbt_core.behavior_tree.engine import Condition, LeafNode, NodeRegistry, SyncAction
+from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, NodeKind, NodeManifest, OneOf
+from flexbt_core.skills import Outcome, OutcomeClass, Skill, SkillLibrary
 
-from .node_skill import node_skill
-from .registry import NodeRegistry
+
+def node_skill(manifest: NodeManifest) -> Skill | None:
+    """The skill of a node type; None when it is no leaf.
+
+    A leaf reads and writes its ports, and ends by SUCCESS or FAILURE; a condition answers by them. One that derives
+    from another has its skill, unless it declares its own.
+    """
+    node_class = manifest.node_class
+    if not issubclass(node_class, LeafNode):
+        return None
+    rule = manifest.outcomes
+    possible = rule.results if isinstance(rule, OneOf) else (SUCCESS, FAILURE, RUNNING)
+    if manifest.kind is NodeKind.CONDITION:
+        classes = {SUCCESS: OutcomeClass.ANSWERED, FAILURE: OutcomeClass.ANSWERED}
+    else:
+        classes = {SUCCESS: OutcomeClass.COMPLETED, FAILURE: OutcomeClass.FAILED}
+    declared: object = node_class.skill
+    skill = (declared if isinstance(declared, Skill) else Skill()).completed_by(
+        manifest.id,
+        {status.name: Outcome(kind) for status, kind in classes.items() if status in possible},
+        reads=[name for name, port in manifest.ports.items() if port.readable],
+        writes=[name for name, port in manifest.ports.items() if port.writable],
+    )
+    is_at_once = issubclass(node_class, SyncAction | Condition) or RUNNING not in possible
+    return skill.lasting(0.0, 0.0) if is_at_once else skill
 
 
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:

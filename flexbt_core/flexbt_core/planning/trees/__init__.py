@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees of plans: branches and their order, what they have in common, whether they reach the goal, their XML."""
+
+from .compaction import Group, Rule, chosen, compact
+from .coverage import MOST_STATES, Coverage, Disturbance, explore, fault
+from .leaf_elements import (
+    COUNT_ENTRY,
+    FAILURE_ENTRY,
+    LeafWriter,
+    actions_left,
+    add,
+    allowed_actions,
+    failed_action,
+    give_up,
+    quoted,
+)
+from .planner import Plan, compiled, plan, why_not
+from .policy import Branch, Policy
+from .tree_xml import tree_xml
+
+__all__ = [
+    'COUNT_ENTRY',
+    'FAILURE_ENTRY',
+    'MOST_STATES',
+    'Branch',
+    'Coverage',
+    'Disturbance',
+    'Group',
+    'LeafWriter',
+    'Plan',
+    'Policy',
+    'Rule',
+    'actions_left',
+    'add',
+    'allowed_actions',
+    'chosen',
+    'compact',
+    'compiled',
+    'explore',
+    'failed_action',
+    'fault',
+    'give_up',
+    'plan',
+    'quoted',
+    'tree_xml',
+    'why_not',
+]
