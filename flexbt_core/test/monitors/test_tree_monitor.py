@@ -22,8 +22,9 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.clock import ManualClock
 from flexbt_core.monitors import Before, Never, Property, Requirement, TreeMonitor, Violation, While, Within
 from flexbt_core.skills import Skill
-from flexbt_testing.behavior_trees import random_nodes, random_trees, scripted_nodes
+from flexbt_testing.behavior_trees import scripted_nodes
 from flexbt_testing.behavior_trees.seeded_trees import ForgetfulFallback
+from flexbt_testing.random_trees import basic, nodes
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 TWO = '<Sequence><Work name="one"/><Work name="other"/></Sequence>'
@@ -217,7 +218,7 @@ UNSOUND = re.compile(r'R&gt;|_script="[A-Z]*(?:R[A-Z]*K|K[A-Z]*R)')
 """A decorator that makes something else of RUNNING, and forgets its child; a leaf that works, and says SKIPPED."""
 
 
-@pytest.mark.parametrize('make', [random_trees.make_case, random_nodes.make_case])
+@pytest.mark.parametrize('make', [basic.make_case, nodes.make_case])
 def test_random_trees_give_no_alarm(make: Callable[[int], dict[str, object]]) -> None:
     seen = 0
     for seed in range(300):

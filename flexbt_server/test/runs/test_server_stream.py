@@ -27,8 +27,8 @@ from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStatusChange, TreeStructur
 from flexbt_server.runs import TreeStream
 from flexbt_server.runs.status_encoding import encoded, serialized
 from flexbt_server.runs.tree_stream import BATCH_SECONDS, MAX_CHANGES, MAX_MARKS, MESSAGES_KEPT, RunStream
-from flexbt_testing.behavior_trees.user_nodes import make, random_body, run_some
 from flexbt_testing.nodes.server_world import open_world
+from flexbt_testing.random_trees.user_nodes import make, random_body, run_some
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Changes = list[tuple[int, int, int]]

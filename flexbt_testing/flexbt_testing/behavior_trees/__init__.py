@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees, scripted nodes, and BehaviorTree.CPP as the oracle."""
+"""Scripted nodes and trees, trees with known defects, and BehaviorTree.CPP as the oracle."""

@@ -14,10 +14,11 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
-from . import random_nodes as bt_random_nodes
-from . import random_scripts as bt_random_scripts
-from . import random_trees as bt_random_trees
-from . import random_wheel as bt_random_wheel
+from flexbt_testing.random_trees import basic as bt_random_trees
+from flexbt_testing.random_trees import nodes as bt_random_nodes
+from flexbt_testing.random_trees import scripts as bt_random_scripts
+from flexbt_testing.random_trees import wheel as bt_random_wheel
+
 from . import scripted_nodes as bt_scripted
 from . import wheel as bt_wheel
 

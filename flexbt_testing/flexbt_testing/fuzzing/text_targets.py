@@ -13,8 +13,8 @@ from flexbt_core.behavior_tree import BehaviorTreeError, Blackboard
 from flexbt_core.behavior_tree.script import ScriptLibrary
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError, load_yaml
-from flexbt_testing.behavior_trees import random_scripts
 from flexbt_testing.pytest_plugin import HOSTILE_YAML
+from flexbt_testing.random_trees import scripts
 
 from .fuzzer import Target
 
@@ -94,7 +94,7 @@ class ScriptTarget(Target):
         self._scripts = ScriptLibrary()
 
     def seeds(self) -> list[str]:
-        texts = [random_scripts.make_case(seed)['xml'] for seed in range(60)]
+        texts = [scripts.make_case(seed)['xml'] for seed in range(60)]
         quoted = [part for text in texts for part in text.split('"')[1::2]]
         return sorted(
             {part.replace('&lt;', '<').replace('&gt;', '>').replace('&amp;', '&') for part in quoted if ' ' in part}

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_server.groot2 import LogError, read_log
 from flexbt_testing.behavior_trees.bt_tool import tool
-from flexbt_testing.behavior_trees.random_nodes import make_case
+from flexbt_testing.random_trees.nodes import make_case
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
 <BehaviorTree ID="Main"><Sequence name="&lt;top&gt;"><Script code="n := 0"/>

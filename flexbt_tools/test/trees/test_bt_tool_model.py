@@ -28,8 +28,8 @@ from flexbt_core.behavior_tree.model import FORBIDDEN_IN_NAMES, NO_DEFAULT, RESE
 from flexbt_server.groot2 import models_document
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.behavior_trees.random_nodes import make_case
 from flexbt_testing.behavior_trees.xml_schema import Schema
+from flexbt_testing.random_trees.nodes import make_case
 from flexbt_tools.trees import add_models, schema_lines
 
 Signature = dict[str, tuple[PortDirection, str | None, str | None]]

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from flexbt_common.errors import ResourceError
 from flexbt_common.pictures import svg
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
-from flexbt_testing.behavior_trees.random_nodes import make_case
+from flexbt_testing.random_trees.nodes import make_case
 
 pytestmark = pytest.mark.filterwarnings('ignore::DeprecationWarning:pydot')
 

@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
-from flexbt_testing.behavior_trees.random_nodes import make_case
+from flexbt_testing.random_trees.nodes import make_case
 from flexbt_tools.errors import ToolError
 from flexbt_tools.mock_runs import MockRun, read_plan
 from flexbt_tools.trees import find_tree

@@ -12,10 +12,10 @@ import pytest
 
 from flexbt_core.behavior_tree import CoroutineAction, Halted, NodeExecutionError, NodeStatus, Tree
 from flexbt_core.clock import ManualClock
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.steps import NAMES, Woken
 from flexbt_testing.behavior_trees.steps import make as make_steps
+from flexbt_testing.random_trees import basic as bt_random_trees
 
 SUCCESS, FAILURE, RUNNING, SKIPPED = NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.RUNNING, NodeStatus.SKIPPED
 

@@ -14,7 +14,7 @@ from flexbt_core.behavior_tree import NodeStatus, StatusLog, builtin_registry, l
 from flexbt_core.behavior_tree.model import Acceleration, acceleration
 from flexbt_core.behavior_tree.nodes import decorators
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_testing.behavior_trees.user_nodes import make
+from flexbt_testing.random_trees.user_nodes import make
 
 inlining = pytest.importorskip('flexbt_core.behavior_tree.acceleration.inlining')
 if type(acceleration()) is Acceleration:

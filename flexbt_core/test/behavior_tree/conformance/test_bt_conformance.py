@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
-from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
-from flexbt_testing.behavior_trees import random_scripts as bt_random_scripts
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
-from flexbt_testing.behavior_trees import random_wheel as bt_random_wheel
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
+from flexbt_testing.random_trees import basic as bt_random_trees
+from flexbt_testing.random_trees import nodes as bt_random_nodes
+from flexbt_testing.random_trees import scripts as bt_random_scripts
+from flexbt_testing.random_trees import wheel as bt_random_wheel
 
 needs_wheel = pytest.mark.skipif(
     not bt_wheel.available(),

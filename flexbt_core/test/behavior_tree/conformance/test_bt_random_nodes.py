@@ -6,8 +6,8 @@ from __future__ import annotations
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
-from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
 from flexbt_testing.behavior_trees import wheel as bt_wheel
+from flexbt_testing.random_trees import nodes as bt_random_nodes
 
 
 @pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')

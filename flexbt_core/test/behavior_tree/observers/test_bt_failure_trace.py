@@ -20,10 +20,10 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.clock import ManualClock
-from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.steps import control, make, step
+from flexbt_testing.random_trees import basic as bt_random_trees
+from flexbt_testing.random_trees import nodes as bt_random_nodes
 
 F0, F1, F2 = (f'F_{number}: Step returned FAILURE' for number in range(3))
 

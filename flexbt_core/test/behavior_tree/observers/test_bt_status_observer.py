@@ -12,12 +12,12 @@ import pytest
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, StatusLog, Tree, TreeNode, log_reader
 from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.behavior_tree.model import acceleration_seam
-from flexbt_testing.behavior_trees import random_nodes as bt_random_nodes
-from flexbt_testing.behavior_trees import random_scripts as bt_random_scripts
-from flexbt_testing.behavior_trees import random_trees as bt_random_trees
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees.scripted_nodes import NAMES
-from flexbt_testing.behavior_trees.user_nodes import make, random_body, run_some
+from flexbt_testing.random_trees import basic as bt_random_trees
+from flexbt_testing.random_trees import nodes as bt_random_nodes
+from flexbt_testing.random_trees import scripts as bt_random_scripts
+from flexbt_testing.random_trees.user_nodes import make, random_body, run_some
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 

@@ -24,8 +24,8 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.clock import ManualClock
-from flexbt_testing.behavior_trees.random_trees import make_case
 from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry
+from flexbt_testing.random_trees.basic import make_case
 
 S, F, R, K, I = (  # noqa: E741
     NodeStatus.SUCCESS,

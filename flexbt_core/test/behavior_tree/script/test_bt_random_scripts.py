@@ -6,9 +6,9 @@ from __future__ import annotations
 import pytest
 
 from flexbt_testing.behavior_trees import conformance as bt_conformance
-from flexbt_testing.behavior_trees import random_scripts as bt_random_scripts
 from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
+from flexbt_testing.random_trees import scripts as bt_random_scripts
 
 
 @pytest.mark.skipif(not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees as in ``bt_random_trees`` that also have the controls which decide, the loops and the entry updates.
+"""Random trees as in ``basic`` that also have the controls which decide, the loops and the entry updates.
 
 What is left out, since the library of the wheel is older than what the engine follows: children of SkipUnlessUpdated
 and WaitValueUpdate that are not done in one tick (it does not halt them), text that begins with a number for a Switch
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .random_trees import KEYS, _Generator
+from .basic import KEYS, _Generator
 
 CONTROLS = (
     *('IfThenElse', 'WhileDoElse', 'ParallelAll') * 2,

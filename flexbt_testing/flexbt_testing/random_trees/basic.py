@@ -123,7 +123,7 @@ class _Generator:
         return f'<{head}{text}>{children}</{head}>' if children else f'<{head}{text}/>'
 
     def _conditions(self) -> list[tuple[str, str]]:
-        """Pre- and post-conditions, with the probability ``_conditional``; see ``bt_random_scripts``."""
+        """Pre- and post-conditions, with the probability ``_conditional``; see ``scripts``."""
         return []
 
     def _node(self, depth: int) -> str:

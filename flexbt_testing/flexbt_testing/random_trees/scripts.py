@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees as in ``bt_random_nodes`` that also have scripts: as nodes, and as pre- and post-conditions.
+"""Random trees as in ``nodes`` that also have scripts: as nodes, and as pre- and post-conditions.
 
 The scripts mean the same in 4.8.2, the version of the wheel, as in 4.10, whose grammar the engine has: every operator
 has its parentheses, and ``true`` stands only where it does not matter whether it is an integer or a double. Some of
@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .random_nodes import _NodesGenerator
-from .random_trees import BOOLEANS, INTEGERS, REALS, TEXTS
+from .basic import BOOLEANS, INTEGERS, REALS, TEXTS
+from .nodes import _NodesGenerator
 
 NEW = ('u', 'v', 'w')
 """Entries that only scripts make."""

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from .random_trees import BOOLEANS, GROUPS, INTEGERS, KEYS, REALS, TEXTS
+from .basic import BOOLEANS, GROUPS, INTEGERS, KEYS, REALS, TEXTS
 
 Attributes = list[tuple[str, str]]
 
