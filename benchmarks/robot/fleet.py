@@ -178,7 +178,7 @@ def measure_trees(stations: Sequence[Station], processes: Sequence[int]) -> dict
     seconds = time.monotonic() - begun
     cpu = sum(map(cpu_seconds, processes)) - cpu
     for goal in goals:
-        goal.call.cancel()
+        goal.cancel()
     late = [1e3 * length - DEADLINE_MS for one in waits for _, length in one]
     simulated = statistics.median(one[-1][0] - one[0][0] for one in waits)
     return {

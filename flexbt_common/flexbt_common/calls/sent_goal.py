@@ -12,11 +12,11 @@ from .action_call import ActionCall, ActionServerLink, GoalOutcome
 class SentGoal:
     """A goal with its feedback and its end. Must not be waited for on the executor thread.
 
-    ``accepted`` is set when the server has accepted the goal; ``call`` is the call, to cancel it.
+    ``accepted`` is set when the server has accepted the goal; ``call`` is the call.
     """
 
     def __init__(self, link: ActionServerLink, goal: Any, deadline: float = 20.0) -> None:
-        """``deadline``: seconds of wall time for the server to appear, to accept, and for each :meth:`wait`."""
+        """``deadline``: seconds of wall time for the server to appear, to accept, to cancel, and for each :meth:`wait`."""
         self._deadline = deadline
         self._ended = threading.Event()
         self.feedback: list[Any] = []
@@ -40,6 +40,10 @@ class SentGoal:
     def ended(self) -> bool:
         """Whether there is an outcome."""
         return self._ended.is_set()
+
+    def cancel(self) -> None:
+        """Ask the server to cancel the goal; see :meth:`ActionCall.cancel`."""
+        self.call.cancel(self._deadline)
 
     def wait(self, timeout: float | None = None) -> GoalOutcome:
         """The outcome.

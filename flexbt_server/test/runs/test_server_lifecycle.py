@@ -232,7 +232,7 @@ def test_nothing_runs_and_no_goal_is_forgotten_whatever_transitions_come(seed: i
                 goals += [world.client.execute(blackboard=str(chance.randrange(6))) for _ in range(chance.randrange(5))]
             for goal in goals:
                 if goal.accepted.is_set() and chance.random() < 0.1:
-                    goal.call.cancel()
+                    goal.cancel()
             if chance.random() < 0.5:
                 for goal in goals:
                     wait_until(lambda goal=goal: goal.accepted.is_set() or goal.ended)  # type: ignore[misc]

@@ -65,7 +65,7 @@ class Simulator:
         self.parameters: SimulatorParameters = runtime.call(lambda: declare_simulator_parameters(runtime.node))
         self.lock = threading.Lock()
         self.world = self.parameters.make_world()
-        self.pacer = Pacer(float(runtime.node.get_parameter(SPEED_FACTOR).value))
+        self.pacer = Pacer(float(runtime.node.get_parameter(SPEED_FACTOR).value), runtime.post)
         self._began = 0
         """Time of the world, ns, at which that of the clock began."""
         self._steps = 0

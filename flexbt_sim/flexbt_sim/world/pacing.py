@@ -7,6 +7,9 @@ As fast as possible (factor 0) means as fast as everybody keeps up whose work th
 - whoever *computes* something that the robot waits for, a plan for example or the first command of a motion: the world
   goes on in real time meanwhile, since on a robot a plan takes its time too;
 - with neither, at :data:`IDLE_FACTOR`: faster, and the clock alone would keep the nodes of a robot busy.
+
+Somebody may have begun to act, and his message not be handled yet, because the computer is busy. So until what has
+arrived is handled (:data:`LOOK_SECONDS`) the world goes on in real time, and no lag is made good.
 """
 
 from __future__ import annotations
@@ -26,6 +29,11 @@ MAX_LAG: Final = 0.2
 IDLE_FACTOR: Final = 50.0
 """Speed factor of 'as fast as possible' while nobody acts."""
 
+LOOK_SECONDS: Final = 0.02
+"""Wall time, s, from one look whether messages have arrived to the next, at :data:`IDLE_FACTOR`; and by how much 'as
+fast as possible' may be behind its schedule: more is given up at once, it would be a rush past whoever is about to act.
+"""
+
 COMPUTING_FACTOR: Final = 1.0
 """Speed factor of 'as fast as possible' while somebody computes."""
 
@@ -35,6 +43,9 @@ ANSWER_SECONDS: Final = 0.02
 STALL_SECONDS: Final = 0.5
 """How long it waits for that at once where the robot moves: a computer may be busy for so long. On the whole such waits
 make the world no slower than real time."""
+
+Post = Callable[[Callable[[], object]], object]
+"""Has something called after what has arrived until now was handled."""
 
 OnStepped = Callable[[int, bool], None]
 """See :meth:`Pacer.step`."""
@@ -59,7 +70,7 @@ class Schedule:
         ``fastest`` is the factor of 'as fast as possible' for this piece.
         """
         self.due += simulated / (self.factor or fastest)
-        if now - self.due > MAX_LAG:
+        if now - self.due > (MAX_LAG if self.factor else LOOK_SECONDS):
             self.due = now
         return self.due
 
@@ -123,9 +134,12 @@ class Drivers:
 class Pacer:
     """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting. From any thread."""
 
-    def __init__(self, factor: float) -> None:
-        """Raises ValueError, as :class:`Schedule`."""
+    def __init__(self, factor: float, post: Post = lambda told: told()) -> None:
+        """``post`` by default for who handles messages at once. Raises ValueError, as :class:`Schedule`."""
         self._schedule = Schedule(factor, time.monotonic())
+        self._post = post
+        self._looked = -math.inf
+        self._has_handled = True
         self._event = threading.Condition()
         self._drivers = Drivers()
         self._computing: set[object] = set()
@@ -259,6 +273,7 @@ class Pacer:
             if self._drivers.acting(now):
                 self._wait_for_answers(simulated, now)
                 return
+            self._look(simulated)
             if self._computing:
                 fastest = COMPUTING_FACTOR
         self._schedule.advance(simulated, time.monotonic(), fastest)
@@ -268,6 +283,23 @@ class Pacer:
                 self._schedule = Schedule(0.0, time.monotonic())  # it is done, and waited for no longer
                 return
             self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
+
+    def _look(self, simulated: float) -> None:
+        """See now and then that what has arrived is handled. It is waited for in real time."""
+        now, schedule = time.monotonic(), self._schedule
+        if self._has_handled and now - self._looked >= LOOK_SECONDS:
+            self._looked, self._has_handled = now, False
+            self._post(self._handled)
+
+        def is_over() -> bool:
+            return self._has_handled or self._stopped or self._is_paused or self._schedule is not schedule
+
+        self._event.wait_for(is_over, simulated / COMPUTING_FACTOR)
+
+    def _handled(self) -> None:
+        with self._event:
+            self._has_handled = True
+            self._event.notify_all()
 
     def _wait_for_answers(self, simulated: float, now: float) -> None:
         """Let those who drive answer, for a short time. Simulated time goes on from then."""

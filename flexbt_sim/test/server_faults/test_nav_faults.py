@@ -58,7 +58,7 @@ def test_requests_that_are_canceled_while_they_wait_for_the_robot_end_canceled()
         goals = [probe.plan(OFFICE), probe.follow(line(DOCK, EAST)), probe.send(names.SPIN, target_yaw=1.0)]
         for goal in goals:
             assert goal.accepted.wait(60.0)
-            goal.call.cancel()
+            goal.cancel()
         assert [goal.wait().status for goal in goals] == [GoalStatus.CANCELED] * 3
 
 

@@ -75,6 +75,6 @@ def test_the_goals_of_others_outlive_them(world: Probe) -> None:
     assert min(linear for linear, _ in world.commands[before:]) > 0.2
     goal = world.follow(line(DOCK, (1.0, 4.45)))  # somebody else can take the robot
     assert goal.accepted.wait(DEADLINE)
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     world.wait_at_rest()

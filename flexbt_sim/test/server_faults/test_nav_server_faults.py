@@ -150,8 +150,8 @@ def test_a_server_that_hangs_does_not_answer_a_cancel_before_the_end_of_the_faul
     world.wait_for_faults(1)
     after = world.probe.follow(line(DOCK, EAST))
     assert after.accepted.wait(60.0)
-    before.call.cancel()
-    after.call.cancel()
+    before.cancel()
+    after.cancel()
     world.probe.wait_at_rest()
     assert world.wait_action(1.0).wait().status is GoalStatus.SUCCEEDED
     assert not before.ended and not after.ended

@@ -144,7 +144,7 @@ def test_docking_is_canceled_and_taken_over_at_any_time(world: Probe) -> None:
         goal = dock(world)
         if begun:
             world.wait_driving(0.1)
-        goal.call.cancel()
+        goal.cancel()
         assert goal.wait().status is GoalStatus.CANCELED
         world.wait_at_rest()
     older = dock(world)

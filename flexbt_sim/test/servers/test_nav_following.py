@@ -77,7 +77,7 @@ def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
     for replaced in goals[:-1]:
         result = aborted(replaced, Result.NONE)
         assert 'newer' in result.error_msg
-    goals[-1].call.cancel()
+    goals[-1].cancel()
     assert goals[-1].wait().status is GoalStatus.CANCELED
 
 
@@ -101,7 +101,7 @@ def test_a_limit_of_the_speed_holds_until_it_is_taken_back(world: Probe) -> None
     ):
         limits.publish(limit)
         wait_until(partial(drives_at, speed))
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     world.runtime.call(lambda: node.destroy_publisher(limits))
 
@@ -111,7 +111,7 @@ def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
     world.set_speed_factor(1.0)
     goal = world.follow(line(DOCK, EAST))
     asked = world.wait_driving(0.25)
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     rest = world.wait_at_rest()
     assert rest.time - asked.time < 0.5 + MODEL.drive.linear_speed / MODEL.drive.linear_acceleration
@@ -156,7 +156,7 @@ def test_a_refused_path_leaves_the_one_that_is_followed(world: Probe) -> None:
     world.later(0.5)
     assert min(linear for linear, _ in world.commands[before:]) > 0.2
     assert not goal.ended
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
 
 
@@ -185,6 +185,6 @@ def test_clients_that_take_the_robot_from_each_other_end_with_one_goal(world: Pr
     *replaced, last = goals
     assert {goal.wait().status for goal in replaced} == {GoalStatus.ABORTED}
     assert not last.ended
-    last.call.cancel()
+    last.cancel()
     assert last.wait().status is GoalStatus.CANCELED
     world.wait_at_rest()

@@ -171,6 +171,6 @@ def test_a_path_that_waits_for_its_frame_does_not_take_the_robot_from_a_newer_on
     tell.publish(TFMessage(transforms=[transform('map', 'shelf', Pose(2.0, 6.0, 0.0), time_message(0.0))]))
     assert 'newer' in aborted(waiting, FollowPath.Result.NONE).error_msg
     assert not newer.ended
-    newer.call.cancel()
+    newer.cancel()
     assert newer.wait().status is GoalStatus.CANCELED
     world.runtime.call(lambda: node.destroy_publisher(tell))

@@ -205,7 +205,7 @@ def test_a_cancel_stops_a_motion(world: Probe, action: str) -> None:
     start = world.place(FREE)
     goal = spin(world, 20.0) if action == names.SPIN else drive(world, action, 3.0)
     world.wait(lambda: world.moving() and goal.feedback, 'the robot moving')
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     rest = world.wait_at_rest()
     assert world.commands[-1] == (0.0, 0.0)
@@ -216,7 +216,7 @@ def test_goals_that_are_canceled_before_they_have_begun_do_not_move_the_robot(wo
     world.place(FREE)
     goals = [spin(world, 3.0) for _ in range(5)]
     for goal in goals:
-        goal.call.cancel()
+        goal.cancel()
     assert {goal.wait().status for goal in goals} <= {GoalStatus.CANCELED, GoalStatus.ABORTED}
     assert goals[-1].wait().status is GoalStatus.CANCELED
     assert world.wait_at_rest().distance(FREE) < 0.01

@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_sim.ros_messages import pose_of
-from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, FAST, Probe, aborted, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, FAST, Probe, aborted, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = ComputeRoute.Result
@@ -281,7 +281,7 @@ def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
     door[0] = False
     tracked = track(world, 4)
     world.place((10.0, 4.45, 0.0))  # past the nodes on the way there: none of them is achieved by that
-    tracked.call.cancel()
+    tracked.cancel()
     assert tracked.wait().status is GoalStatus.CANCELED
     first = [node(1, 6.4, 4.45), node(2, 8.0, 4.45), edge(3, 1, 2, operations={'door': DOOR})]
     set_graph(world, write(tmp_path / 'door', first))
@@ -297,7 +297,7 @@ def test_a_newer_goal_takes_the_tracking_over_and_a_cancel_ends_it(world: Probe)
     older = track(world, 4)
     newer = track(world, 3)
     aborted(older, Tracked.NONE)
-    newer.call.cancel(DEADLINE)
+    newer.cancel()
     assert newer.wait().status is GoalStatus.CANCELED
     assert newer.result.error_code == Tracked.NONE
 
@@ -305,6 +305,6 @@ def test_a_newer_goal_takes_the_tracking_over_and_a_cancel_ends_it(world: Probe)
 def test_every_one_of_many_requests_has_its_route_or_its_cancel(world: Probe) -> None:
     goals = [by_ids(world, 1, 4) for _ in range(40)]
     for goal in goals[20:]:
-        goal.call.cancel()
+        goal.cancel()
     assert all(nodes(goal.result.route) == [1, 2, 3, 4] for goal in goals[:20])
     assert {goal.wait().status for goal in goals[20:]} <= {GoalStatus.SUCCEEDED, GoalStatus.CANCELED}

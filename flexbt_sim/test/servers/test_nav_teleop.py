@@ -101,7 +101,7 @@ def test_an_operator_who_falls_silent_or_talks_nonsense_drives_nowhere(world: Pr
     world.wait_at_rest()
     joystick(0.2, 0.0)
     world.wait_driving(0.15)
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
     world.wait_at_rest()
 

@@ -48,7 +48,7 @@ def test_no_time_is_over_at_once(world: Probe, duration: Duration) -> None:
 
 def test_one_of_several_is_canceled_the_others_wait_on(world: Probe) -> None:
     long, short = wait(world, 1000.0), wait(world, 1.0)
-    long.call.cancel()
+    long.cancel()
     assert long.wait().status is GoalStatus.CANCELED
     assert short.wait().status is GoalStatus.SUCCEEDED
 

@@ -83,7 +83,7 @@ def test_goals(world: Probe, action: str) -> None:
         assert sent.accepted.wait(20.0)
         until = world.now.time + 1.0
         wait_until(lambda: sent.ended or world.now.time > until, f'{action} {what}')  # noqa: B023
-        sent.call.cancel(10.0)
+        sent.cancel()
         outcome = sent.wait()
         assert outcome.status in (GoalStatus.ABORTED, GoalStatus.SUCCEEDED, GoalStatus.CANCELED), (what, outcome)
         assert outcome.result is not None, (what, outcome)

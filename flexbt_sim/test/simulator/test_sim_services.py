@@ -318,7 +318,7 @@ def test_time_is_paused_stepped_and_goes_on(bench: Bench) -> None:
     wait_until(lambda: len(endless.feedback) > 5)
     told = endless.feedback[5]
     assert told.completed_steps + told.remaining_steps == 1_000_000
-    endless.call.cancel()
+    endless.cancel()
     assert endless.wait().status is GoalStatus.CANCELED
     assert bench.set_state(stopped) == Result.RESULT_OK
     assert (bench.state(), bench.simulator.world.time) == (stopped, 0.0)

@@ -266,5 +266,5 @@ def test_a_point_is_followed_at_a_distance(robot: Robot, tree: Tree) -> None:
         robot.probe.wait(lambda: goal.ended or is_near(), 'the robot near the point')
     assert not goal.ended, goal.outcomes
     assert 0.85 < robot.probe.wait_at_rest().distance(EAST) < 1.15
-    goal.call.cancel()
+    goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
