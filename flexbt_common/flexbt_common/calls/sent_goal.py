@@ -16,7 +16,7 @@ class SentGoal:
     """
 
     def __init__(self, link: ActionServerLink, goal: Any, deadline: float = 20.0) -> None:
-        """``deadline``: seconds of wall time for the server to appear, to accept, to cancel, and for each :meth:`wait`."""
+        """``deadline``: s of wall time for the server to appear, to accept, to cancel, and for each :meth:`wait`."""
         self._deadline = deadline
         self._ended = threading.Event()
         self.feedback: list[Any] = []
