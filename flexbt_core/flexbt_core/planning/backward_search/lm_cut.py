@@ -4,47 +4,63 @@
 A lower bound of the cost of a condition: sets of actions are cut out of the delete relaxation, one of each of which is
 in every plan. Each set counts with its cheapest action, whose cost all of the set lose; until the condition costs
 nothing more.
+
+Conditions of a search have most in common with the one from which they are regressed, and so have their cuts: those
+which are still true of it are kept, and only what is lacking is computed (Pommerening, Helmert: *Incremental LM-cut*,
+ICAPS 2013).
 """
 
 from __future__ import annotations
 
 import heapq
-import math
 from collections import defaultdict
-from typing import Final
+from typing import Final, NamedTuple
 
 from flexbt_core.planning.problems import bits
 
 from .reachability import Reachability
 
 
+class Cut(NamedTuple):
+    """Whatever makes one of the literals ``zone`` (a bit set) true does one of the ``actions``; ``cost`` counts."""
+
+    zone: int
+    actions: tuple[int, ...]
+    cost: float
+
+
+Cuts = tuple[Cut, ...]
+
+
+def total(cuts: Cuts) -> float:
+    """The lower bound that cuts are."""
+    return sum(cut.cost for cut in cuts)
+
+
 class LmCut:
-    """Lower bounds from one state to many conditions; each is computed once."""
+    """Lower bounds from one state to many conditions of literals that can be reached."""
 
     def __init__(self, reachability: Reachability) -> None:
         self._reachability: Final = reachability
-        self._bounds: Final[dict[int, float]] = {}
-        domain = reachability.domain
         self._known: Final = reachability.initial
         self._achievers: Final[dict[int, list[tuple[int, list[int], list[int]]]]] = {}
-        self._costs: Final = domain.costs
+        self._costs: Final = reachability.domain.costs
 
-    def bound(self, condition: int) -> float:
-        """What it costs at least to make a condition true; infinite where it cannot be made true."""
-        condition &= ~self._known
-        known = self._bounds.get(condition)
-        if known is None:
-            known = self._bounds[condition] = self.cuts(condition)[0]
-        return known
+    def kept(self, condition: int, cuts: Cuts) -> Cuts:
+        """Those of the cuts of another condition that are cuts of this one, too: a bound that costs little."""
+        lacking = condition & ~self._known
+        return tuple(cut for cut in cuts if cut.zone & lacking)
 
-    def cuts(self, condition: int) -> tuple[float, dict[int, float]]:
-        """The bound, and for the actions that matter what is left of their costs."""
+    def cuts(self, condition: int, kept: Cuts = ()) -> Cuts:
+        """The cuts of a condition, beginning with those that are known of it (:meth:`kept`)."""
         goals = list(bits(condition & ~self._known))
-        if any(self._reachability.costs[goal] == math.inf for goal in goals):
-            return math.inf, {}
         landmarks = self._reachability.landmarks_of(goals)
         relevant = self._relevant(goals)
         left = {action: self._costs[action] for action, _, _ in relevant}
+        for cut in kept:
+            for action in cut.actions:
+                if action in left:
+                    left[action] = max(left[action] - cut.cost, 0.0)
         adders: dict[int, list[int]] = defaultdict(list)
         users: dict[int, list[int]] = defaultdict(list)
         for action, needs, adds in relevant:
@@ -54,23 +70,23 @@ class LmCut:
                 users[literal].append(action)
         needs_of = {action: needs for action, needs, _ in relevant}
         adds_of = {action: adds for action, _, adds in relevant}
-        bound = 0.0
+        found = list(kept)
         while goals:
             costs = _relaxed_costs(left, needs_of, adds_of, users)
+            top = max(goals, key=costs.__getitem__)
+            if costs[top] == 0.0:
+                break
             supporters = {
                 action: max(needs, key=lambda need: (costs[need], landmarks >> need & 1, need)) if needs else None
                 for action, needs in needs_of.items()
             }
-            top = max(goals, key=costs.__getitem__)
-            if costs[top] == 0.0:
-                break
             zone = _zone(top, left, adders, supporters)
-            cut = _cut(zone, adds_of, supporters)
-            least = min(left[action] for action in cut)
-            bound += least
-            for action in cut:
+            actions = tuple(_cut(zone, adds_of, supporters))
+            least = min(left[action] for action in actions)
+            found.append(Cut(sum(1 << literal for literal in zone), actions, least))
+            for action in actions:
                 left[action] -= least
-        return bound, left
+        return tuple(found)
 
     def _relevant(self, goals: list[int]) -> list[tuple[int, list[int], list[int]]]:
         """The actions on ways to the goals: number, what they need and what they add beside what is there."""
@@ -108,7 +124,7 @@ def _relaxed_costs(
     def run(action: int, cost: float) -> None:
         cost += left[action]
         for literal in adds_of[action]:
-            if cost < costs.get(literal, math.inf):
+            if literal not in costs or cost < costs[literal]:
                 costs[literal] = cost
                 heapq.heappush(queue, (cost, literal))
 

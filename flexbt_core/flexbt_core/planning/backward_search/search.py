@@ -7,8 +7,9 @@ actions), *complete* (on the declared model), and *optimal*: conditions are take
 the rest, and the first that holds in the initial state is on a cheapest plan.
 
 What makes it fast, beside LM-cut: of a condition only those regressions are made whose action can be in a plan that
-costs no more than the condition promises (partial expansion; the condition comes again with the next dearer one), and
-conditions with two literals that exclude each other are left out.
+costs no more than the condition promises (partial expansion; the condition comes again with the next dearer one);
+conditions with two literals that exclude each other are left out, and those that ask for more than another one, at no
+less cost; and the cuts of a condition are only completed when its turn comes, until then those of the one after it do.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import heapq
 import math
 import time
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -24,7 +26,7 @@ from typing import Final, NamedTuple
 
 from flexbt_core.planning.problems import bits
 
-from .lm_cut import LmCut
+from .lm_cut import Cuts, LmCut, total
 from .reachability import Reachability
 
 _REPORT_INTERVAL: Final = 0.2
@@ -118,16 +120,22 @@ class _Search:
         self._report = report
         self._reported = self._began
         self._reachability = reachability
-        self._lm_cut = LmCut(reachability)
+        self._lm_cut: Final = LmCut(reachability)
         self._goal = goal
-        self._least, self._left = self._lm_cut.cuts(goal)
+        self._unreachable: Final = sum(1 << at for at, one in enumerate(reachability.costs) if one == math.inf)
+        cuts = () if goal & self._unreachable else self._lm_cut.cuts(goal)
+        self._cuts: Final[dict[int, Cuts]] = {goal: cuts}
+        self._least: Final = math.inf if goal & self._unreachable else total(cuts)
+        self._taken: Final[dict[int, float]] = defaultdict(float)
+        for cut in cuts:
+            for action in cut.actions:
+                self._taken[action] += cut.cost
         self._reductions: Final[dict[int, float]] = {}
         domain = reachability.domain
-        for action, left in self._left.items():
-            if left < domain.costs[action]:
-                for literal in bits(domain.adds[action]):
-                    taken = min(reachability.weights[literal], domain.costs[action] - left)
-                    self._reductions[literal] = max(self._reductions.get(literal, 0.0), taken)
+        for action, taken in self._taken.items():
+            for literal in bits(domain.adds[action]):
+                reduction = min(reachability.weights[literal], taken)
+                self._reductions[literal] = max(self._reductions.get(literal, 0.0), reduction)
         self._reduced = sum(1 << literal for literal in self._reductions)
         self._achievers: Final[dict[int, tuple[list[float], list[int]]]] = {}
         of = reachability.exclusions.of
@@ -144,7 +152,7 @@ class _Search:
         queue: list[tuple[float, float, int, float, float]] = []
         if not impossible:
             queue.append((least, least, goal, 0.0, -math.inf))
-        closed: dict[int, Step] = {}
+        closed = _Closed()
         best: tuple[float, int] = (math.inf, goal)
         while queue:
             bound, _, condition, cost, done = heapq.heappop(queue)
@@ -159,23 +167,25 @@ class _Search:
                 result.outcome = Outcome.TIME_LIMIT
                 break
             if done == -math.inf:
-                if any(not other & ~condition and step.cost <= cost for other, step in closed.items()):
+                if closed.covers(condition, cost):
                     continue
-                closed[condition] = steps[condition]
+                rest = self._rest(condition, steps[condition].next)
+                if cost + rest > bound:
+                    heapq.heappush(queue, (cost + rest, rest, condition, cost, -math.inf))
+                    continue
+                closed.add(condition, cost)
                 result.expanded += 1
+            cuts = self._cuts[condition]
             for before, step in self._regressions(condition, cost, done, bound):
                 known = steps.get(before)
-                if known is not None and known.cost <= step.cost:
-                    continue
-                rest = self._lm_cut.bound(before)
-                if rest == math.inf:
+                if before & self._unreachable or (known is not None and known.cost <= step.cost):
                     continue
                 result.generated += 1
                 steps[before] = step
                 if not before & ~initial:
                     best = min(best, (step.cost, before))
-                total = max(bound, step.cost + rest)
-                heapq.heappush(queue, (total, total - step.cost, before, step.cost, -math.inf))
+                rest = max(total(self._cuts.get(before) or self._lm_cut.kept(before, cuts)), bound - step.cost)
+                heapq.heappush(queue, (step.cost + rest, rest, before, step.cost, -math.inf))
                 if self._is_over(result, best[0]):
                     break
             dearer = self._next_bound(condition, bound)
@@ -185,9 +195,17 @@ class _Search:
             result.bound = math.inf
         if best[0] < math.inf:
             result.start = best[1]
-        result.steps = {one: steps[one] for one in (goal, *closed, best[1])}
+        result.steps = {one: steps[one] for one in (goal, *closed.costs, best[1])}
         result.seconds = self._clock() - self._began
         return result
+
+    def _rest(self, condition: int, after: int) -> float:
+        """What a condition costs at least: its cuts, of which those of the one that comes ``after`` it are kept."""
+        cuts = self._cuts.get(condition)
+        if cuts is None:
+            cuts = self._lm_cut.cuts(condition, self._lm_cut.kept(condition, self._cuts[after]))
+            self._cuts[condition] = cuts
+        return total(cuts)
 
     def _regressions(self, condition: int, cost: float, done: float, bound: float) -> Iterator[tuple[int, Step]]:
         """What leads to a condition, by actions that may be in plans that cost more than ``done``, up to ``bound``."""
@@ -238,7 +256,7 @@ class _Search:
         reachability = self._reachability
         before = reachability.before[action]
         reduction = sum(self._reductions[literal] for literal in bits(before & self._reduced))
-        own = self._left.get(action, reachability.domain.costs[action])
+        own = reachability.domain.costs[action] - self._taken.get(action, 0.0)
         return self._least + reachability.before_weights[action] - reduction + own
 
     def _excluded_with(self, action: int) -> int:
@@ -253,3 +271,43 @@ class _Search:
                 known |= self._of[literal]
             self._excluded_before[action] = known
         return known
+
+
+class _Closed:
+    """The conditions that were looked into, found by those that they cover: all that ask for as much, or more.
+
+    A tree of literals, in each condition in the same order; those first that few conditions have, which are those that
+    few actions know.
+    """
+
+    def __init__(self) -> None:
+        self.costs: Final[dict[int, float]] = {}
+        self._root: Final = _Literals()
+
+    def add(self, condition: int, cost: float) -> None:
+        """A condition that leads to the goal at a cost; the same again only at a lower one."""
+        self.costs[condition] = cost
+        node = self._root
+        for literal in reversed(list(bits(condition))):
+            node.known |= 1 << literal
+            node = node.after.setdefault(literal, _Literals())
+        node.cost = cost
+
+    def covers(self, condition: int, cost: float) -> bool:
+        """Whether one that asks for no more leads to the goal at no more cost."""
+        todo = [self._root]
+        while todo:
+            node = todo.pop()
+            if node.cost <= cost:
+                return True
+            todo += [node.after[literal] for literal in bits(node.known & condition)]
+        return False
+
+
+@dataclass(slots=True)
+class _Literals:
+    """A node of that tree: the literals that follow, also as a bit set; the cost, if a condition ends here."""
+
+    known: int = 0
+    after: dict[int, _Literals] = field(default_factory=dict)
+    cost: float = math.inf
