@@ -7,11 +7,12 @@ import asyncio
 import dataclasses
 import os
 import random
+import re
 from collections.abc import Awaitable, Callable
 
 import pytest
+from rich.cells import get_character_cell_size
 from textual.pilot import Pilot
-from textual.widgets import Static
 
 from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.errors import ConsoleError
@@ -41,6 +42,7 @@ from flexbt_console.mirror import (
     TreeNode,
 )
 from flexbt_console.ui.screen import KEYS, OperatorScreen
+from flexbt_console.ui.screen.panes import Pane
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -58,6 +60,7 @@ STRUCTURE = Structure(
         StateStructure('/Ask', StateKind.STATE, 'Input', (), ('received',), ('/Drive',), (0,)),
     ),
 )
+RUNNING = [NodeStatus.RUNNING] * 2
 SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
 
 
@@ -105,8 +108,7 @@ class Robot:
         nodes = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'FollowPath', 'FollowPath')]
         nodes.append(TreeNode(3, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION))
         self.mirror.receive_tree_structure('t', 'Drive', nodes, 1.0)
-        running = [NodeStatus.RUNNING] * 2
-        self.mirror.receive_tree_status('t', 1, running, [], 5.0, finished=False, paused=False)
+        self.mirror.receive_tree_status('t', 1, RUNNING, [], 5.0, finished=False, paused=False)
         self.show()
         self.show()
 
@@ -462,14 +464,64 @@ def test_an_idle_screen_draws_nothing() -> None:
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         updates: list[object] = []
-        for pane in app.query(Static):
-            pane.update = updates.append  # type: ignore[method-assign, assignment]
+        for pane in app.query(Pane):
+            pane.refresh = lambda *regions, **how: updates.append(regions)  # type: ignore[method-assign, assignment]
         for _ in range(20):
             robot.show()  # heartbeats
             await seen(robot, pilot)
         assert updates == []
 
     on_screen(robot, steps)
+
+
+class Terminal:
+    """What a terminal shows of what is written to it: moves, newlines, and characters of one or two cells."""
+
+    def __init__(self, text: str) -> None:
+        self.rows: dict[int, dict[int, str]] = {}
+        self.written = 0
+        self.write(f'\x1b[1;1H{text}')
+
+    def write(self, text: str) -> None:
+        self.written += len(text.encode())
+        row = column = 0
+        for move, sign in re.findall(r'\x1b\[(\d+;\d+)H|\x1b\[[\d;]*m|([^\x1b])', text):
+            if move:
+                row, column = map(int, move.split(';'))
+            elif sign == '\n':
+                row, column = row + 1, 1
+            elif sign not in ('', '\r'):
+                cells = self.rows.setdefault(row, {})
+                for place, part in enumerate((sign, '')[: get_character_cell_size(sign)]):
+                    cells[column + place] = part
+                column += get_character_cell_size(sign)
+
+    @property
+    def text(self) -> str:
+        return '\n'.join(''.join(self.rows[row][column] for column in sorted(self.rows[row])) for row in self.rows)
+
+
+@pytest.mark.parametrize('size', [(80, 24), (200, 60)])
+def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        terminal = Terminal(text_of(app))
+        app._display = lambda screen, update: terminal.write(update.render_segments(app.console))  # type: ignore
+        terminal.written = 0
+        for number in range(10):  # it drives
+            stamp = 6.0 + number
+            robot.show(robot_pose=Pose(2.0 + 0.1 * number, 2.0), stamp=stamp)
+            robot.mirror.receive_tree_status('t', 2 + number, RUNNING, [], stamp, finished=False, paused=False)
+            await seen(robot, pilot)
+            assert terminal.text == text_of(app)
+        assert 'x 2.90' in terminal.text and 100 < terminal.written / 10 < 1000
+        for name in ('厨房', '房厨', 'a厨', 'ab房b', '', '厨房房房'):  # and now characters of two cells
+            robot.show(behavior=name, active_states=(ActiveState(f'/{name}', 1.0),))
+            await seen(robot, pilot)
+            assert terminal.text == text_of(app)
+
+    on_screen(robot, steps, size)
 
 
 @pytest.mark.parametrize('size', [(80, 24), (30, 8)])

@@ -9,12 +9,12 @@ from collections.abc import Iterable
 
 def cut(text: str, cells: int) -> str:
     """``text`` cut at its end to so many cells."""
-    return text if width(text) <= cells else _begin(text, cells - 1) + '…' * (cells > 0)
+    return text if _fits(text, cells) else _begin(text, cells - 1) + '…' * (cells > 0)
 
 
 def cut_middle(text: str, cells: int) -> str:
     """``text`` without its middle, in so many cells: both what it belongs to and what it is about stay."""
-    if width(text) <= cells:
+    if _fits(text, cells):
         return text
     begin = _begin(text, (cells - 1) // 3)
     return begin + '…' * (cells > 0) + _begin(text[::-1], cells - 1 - width(begin))[::-1]
@@ -24,7 +24,7 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
     """``text`` in at most so many rows of so many cells, broken between words where there are any; the rest is cut."""
     folded: list[str] = []
     rest = text
-    while rest and len(folded) < rows - 1 and width(rest) > cells:
+    while rest and len(folded) < rows - 1 and not _fits(rest, cells):
         row = _begin(rest, cells)
         head, space, _ = row.rpartition(' ')
         if space and head.strip() and rest[len(row) : len(row) + 1] != ' ':
@@ -39,6 +39,10 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
 def width(text: str) -> int:
     """The cells that a text takes."""
     return sum(map(_cells, text))
+
+
+def _fits(text: str, cells: int) -> bool:
+    return len(_begin(text, cells)) == len(text)
 
 
 def _begin(text: Iterable[str], cells: int) -> str:

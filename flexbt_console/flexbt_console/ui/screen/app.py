@@ -129,7 +129,7 @@ class OperatorScreen(App[None]):
     ModalScreen {{ align: center middle; }}
     .dialog {{ width: 70; max-width: 90%; height: auto; max-height: 90%; padding: 0 1; border: round $primary;
                background: $surface; }}
-    .wide {{ width: 90%; }}
+    .wide {{ width: 100%; max-width: 100%; }}
     .dim {{ text-style: dim; }}
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -288,7 +288,8 @@ class OperatorScreen(App[None]):
         return text
 
     def _decision(self, view: View, columns: int, rows: int) -> Text:
-        return styled(decision_lines(view, self._picking.picked(view.decision), columns, self._signs))
+        picked, is_pointing = self._picking.picked(view.decision), self._map.is_pointing
+        return styled(decision_lines(view, picked, columns, self._signs, is_pointing=is_pointing))
 
     def _status(self, view: View, columns: int, rows: int) -> Text:
         if len(self._overview) < 2:
@@ -427,7 +428,7 @@ class OperatorScreen(App[None]):
         self.tell([Line(line, Tone.WARNING) for line in lines(text)])
 
     def _read(self, title: str, text: Sequence[str]) -> None:
-        self.push_screen(Reading(title, styled(text)))
+        self.push_screen(Reading(title, text))
 
     def _do_confirm(self, key: Key, view: View) -> None:
         decision = view.decision

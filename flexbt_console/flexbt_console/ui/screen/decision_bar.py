@@ -15,6 +15,7 @@ from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
 
 from .glyphs import Glyphs
+from .tree_lines import acting_lines
 
 ROWS: Final = 4
 """Rows of the bar: it stays at its place, also while nothing waits."""
@@ -85,17 +86,20 @@ class Picking:
         return Bound(*self._shown.take()).decision(view)
 
 
-def decision_lines(view: View, picked: str, columns: int, signs: Glyphs) -> list[str]:
-    """The bar in at most :data:`ROWS` rows of so many cells."""
+def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:
+    """The bar in at most :data:`ROWS` rows of so many cells. While nothing waits: what acts."""
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
-        return [Line('nothing waits for you', Tone.DIM)]
+        acting = [f'  {signs.active} {line}' for run in view.running_trees for line in acting_lines(run)]
+        room = (ROWS - 1) // max(1, len(acting))
+        folded = [row for line in acting[: ROWS - 1] for row in fold(line, columns, max(1, room))]
+        return [Line('nothing waits for you', Tone.DIM), *folded]
     others = f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
     waited = age_text(max(0.0, snapshot.stamp - decision.since)) if decision.since else ''
     head = f'{signs.waits} {decision_line(decision, snapshot)}  {waited}{others}'
     reasons = [f'  because {line}' for line in reason_lines(decision, view)[:1]]
     choices = _choice_rows(decision, view.state(decision.path), picked, columns, signs)
-    told = choices or [_how_to_answer(decision)]
+    told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
     room = ROWS - len(told)
     lines: list[str] = [Line(text, Tone.DECISION) for text in fold(head, columns, max(1, min(2, room)))]
     for reason in reasons:
@@ -127,7 +131,9 @@ def _choice_rows(
     return [Line(row, Tone.DECISION) for row in rows[:2]]
 
 
-def _how_to_answer(decision: Decision) -> str:
+def _how_to_answer(decision: Decision, *, is_pointing: bool) -> str:
+    if is_pointing:
+        return '  on the map: arrows move, < > turn; Enter answers, Esc leaves'
     if decision.wants_pose:
         return '  "g" points at it on the map; ":" types a place, or x y yaw'
     return '  ":" types the value: input VALUE'

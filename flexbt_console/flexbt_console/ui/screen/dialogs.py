@@ -3,20 +3,28 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import Input, Label, OptionList, Select, Static
+from textual.widgets import Input, Label, OptionList, Select
 from textual.widgets.option_list import Option
 
 from flexbt_console.mirror import Behavior
+from flexbt_console.present import Line, tone_of
+from flexbt_console.ui.interaction import fold
 from flexbt_core.values import one_line
+
+from .panes import Pane, styled
+
+MOST_ROWS: Final = 100
+"""Of one line."""
 
 
 class ChoiceList(ModalScreen[int | None]):
@@ -106,13 +114,13 @@ class StartForm(ModalScreen[str | None]):
 
 
 class Reading(ModalScreen[None]):
-    """A text to be read."""
+    """Lines to be read; those that are too long are folded."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape,enter,q,question_mark', 'dismiss(None)', 'leave'),
     ]
 
-    def __init__(self, title: str, text: Text) -> None:
+    def __init__(self, title: str, text: Sequence[str]) -> None:
         super().__init__()
         self._title = title
         self._text = text
@@ -121,4 +129,27 @@ class Reading(ModalScreen[None]):
         """See :class:`textual.screen.Screen`."""
         with VerticalScroll(classes='dialog wide'):
             yield Label(Text(f'{self._title}  (Esc leaves)'))
-            yield Static(self._text)
+            yield Pane()
+
+    def on_mount(self) -> None:
+        """The text has the keys that scroll."""
+        self.query_one(VerticalScroll).focus()
+        self.call_after_refresh(self._draw)
+
+    def on_resize(self) -> None:
+        """Fold for the new size."""
+        self.call_after_refresh(self._draw)
+
+    def _draw(self) -> None:
+        columns = self.query_one(VerticalScroll).scrollable_content_region.width
+        self.query_one(Pane).show(styled(folded(self._text, columns)))
+
+
+def folded(text: Sequence[str], columns: int) -> list[str]:
+    """The lines in rows of so many cells; where a line goes on, it stands under where its last part began."""
+    rows: list[str] = []
+    for line in text:
+        begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]
+        indent = ' ' * (begins[-1] if begins else 4)
+        rows += [Line(row, tone_of(line)) for row in fold(line, columns, MOST_ROWS, indent)]
+    return rows

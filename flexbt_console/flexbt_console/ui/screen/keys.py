@@ -45,6 +45,10 @@ def _waits(view: View) -> str:
     return '' if view.decision is not None else 'nothing waits for you'
 
 
+def _has_choices(view: View) -> str:
+    return _waits(view) or ('' if view.decision is not None and view.decision.choices else 'there is nothing to pick')
+
+
 def _wants_pose(view: View) -> str:
     return '' if view.decision is not None and view.decision.wants_pose else 'no pose is asked for'
 
@@ -60,7 +64,7 @@ def _is_active(view: View) -> str:
 
 _OF_DECISION: Final = (
     Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
-    Key(tuple('123456789'), '1-9', 'pick', 'pick an answer of the decision; Enter sends it', 'pick', _waits),
+    Key(tuple('123456789'), '1-9', 'pick', 'pick an answer of the decision; Enter sends it', 'pick', _has_choices),
     Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
     Key(('d',), 'd', 'decline', 'decline to give the value that is asked for', 'decline', _wants_value, rank=3),
 )
@@ -69,8 +73,8 @@ _OF_RUN: Final = (
     Key(('exclamation_mark', 'f8'), '! F8', 'STOP', 'stop the run, bring the robot to rest; F8 from anywhere', 'stop'),
     Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs),
     Key(('f',), 'f', 'force', 'leave an active state by an outcome of your choice', 'force', _is_active, rank=2),
-    Key(('plus',), '+', 'more', 'let the robot decide more alone', 'more_autonomy', rank=2),
-    Key(('minus',), '-', 'less autonomy', 'let the robot decide less alone', 'less_autonomy', rank=2),
+    Key(('plus',), '+', 'more autonomy', 'let the robot decide more alone', 'more_autonomy', rank=2),
+    Key(('minus',), '-', 'less', 'let the robot decide less alone', 'less_autonomy', rank=2),
     Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
     Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
     Key(('l',), 'l', 'lock', 'keep the active state from being left, or let it go', 'lock', _is_active, rank=3),

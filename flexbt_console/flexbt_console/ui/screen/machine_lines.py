@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from flexbt_console.mirror import ActiveState, Snapshot, StateKind, StateStructure, View
+from flexbt_console.mirror import ActiveState, AutonomyLevel, Snapshot, StateKind, StateStructure, View
 from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
 from flexbt_console.ui.interaction import cut
 from flexbt_core.values import one_line
@@ -37,7 +37,7 @@ def _state(state: StateStructure, states: dict[str, ActiveState], view: View, si
         lines = _active(state.path, states.get(state.path), view, signs)
         if state.kind is StateKind.STATE:
             indent = '  ' * _depth(state.path)
-            lines += [f'{indent}    {text}' for text in outcome_texts(state, signs)]
+            lines += [f'{indent}  {text}' for text in outcome_texts(state, signs)]
         return lines
     label = one_line(state.path.rpartition('/')[2]) or '/'
     return [Line(f'{"  " * _depth(state.path)}  {label}{_marks(state.path, view.snapshot, signs)}', Tone.DIM)]
@@ -50,7 +50,8 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
         target = state.targets[number] if number < len(state.targets) else ''
         level = state.autonomy[number] if number < len(state.autonomy) else -1
         leads = f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
-        needs = f'  (more than {autonomy_text(level)})' if level >= 0 else ''
+        above = 'always you' if level >= AutonomyLevel.FULL else f'above {autonomy_text(level)}'
+        needs = f'  ({above})' if level >= 0 else ''
         texts.append(f'{one_line(outcome)}{leads}{needs}')
     return texts
 
@@ -69,7 +70,7 @@ def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> 
     paused = '  PAUSED' if state.paused else ''
     lines: list[str] = [Line(f'{indent}{sign} {label}{marks}  {seconds:.0f} s{paused}', Tone.DECISION)]
     if state.progress is not None and (text := progress_text(state.progress, view.places)):
-        lines.append(f'{indent}    {text}')
+        lines.append(f'{indent}  {text}')
     lines += [Line(f'{indent}    {line}', tone_of(line)) for line in not_paused_lines(state)]
     return lines
 

@@ -9,7 +9,6 @@ from typing import Final
 from rich.text import Text
 
 from flexbt_console.mirror import Decision, View
-from flexbt_console.present import pose_text
 from flexbt_console.ui.interaction import cut
 
 from .glyphs import Glyphs
@@ -88,12 +87,12 @@ class MapPane:
             self._frame, cells = self._canvas.draw(*shown)
             self._drawn = shown, drawn(cells)
         text = self._drawn[1].copy()
-        where = pose_text(robot).partition('  (')[0]
-        plan = f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
         if self._cursor is not None:
-            where = f'cursor x {self._cursor[0]:.2f}  y {self._cursor[1]:.2f}  yaw {self._yaw:.2f}'
-            plan = '  Enter answers, Esc leaves'
-        text.append('\n' + cut(f'{where}{plan}', columns), 'bold' if self._cursor is not None else '')
+            where = f'cursor x {self._cursor[0]:.2f} y {self._cursor[1]:.2f} yaw {self._yaw:.2f}'
+        else:
+            where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else 'pose unknown'
+            where += f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
+        text.append('\n' + cut(where, columns), 'bold' if self._cursor is not None else '')
         if not view.live:
             text.stylize('dim')
         return text

@@ -4,11 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, zip_longest
 from typing import Final
 
+from rich.cells import get_character_cell_size
+from rich.segment import Segment
+from rich.style import Style
 from rich.text import Text
-from textual.widgets import Static
+from textual.geometry import Region, Size
+from textual.strip import Strip
+from textual.widget import Widget
 
 from flexbt_console.present import Tone, tone_of
 
@@ -55,13 +60,68 @@ def drawn(rows: Sequence[Sequence[Cell]]) -> Text:
     return text
 
 
-class Pane(Static):
-    """A rectangle of lines."""
+class Pane(Widget):
+    """A rectangle of lines. Of a row only the cells that have changed go to the terminal, whose line may be slow."""
 
-    _drawn: Text | None = None
+    DEFAULT_CSS = 'Pane { height: auto; }'
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._text = Text()
+        self._rows: list[list[Segment]] = []
+        self._changed: dict[int, tuple[int, int]] = {}
 
     def show(self, text: Text) -> None:
         """Draw this, unless it is drawn already."""
-        if self._drawn is None or text != self._drawn or text.spans != self._drawn.spans:
-            self._drawn = text
-            self.update(text)
+        if text == self._text and text.spans == self._text.spans:
+            return
+        before, self._text, no_row = self._rows, text, list[Segment]()
+        self._rows = [list(row.render(self.app.console)) for row in text.split('\n')] if text.plain else []
+        if self.styles.auto_dimensions and len(before) != len(self._rows):
+            self.refresh(layout=True)
+            return
+        width = self.content_size.width
+        for number, (old, new) in enumerate(zip_longest(before, self._rows, fillvalue=no_row)):
+            if old != new and (span := _changed(_cells(old, width), _cells(new, width))) is not None:
+                self._changed[number] = span
+                self.refresh(Region(span[0], number, span[1] - span[0], 1))
+
+    def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
+        """See :class:`textual.widget.Widget`."""
+        return len(self._rows)
+
+    def render_line(self, y: int) -> Strip:
+        """A row, in pieces that end where a change does: the terminal gets whole pieces.
+
+        Textual's update of a part writes as many cells behind it as its first piece has: these are a piece, too.
+        """
+        width, style = self.content_size.width, self.rich_style
+        strip = Strip(self._rows[y] if y < len(self._rows) else []).apply_style(style)
+        strip = strip.adjust_cell_length(width, style)
+        begin, end = self._changed.get(y, (0, width))
+        ends = {place for place in (begin, end, 2 * end - begin) if 0 < place < width}
+        return Strip.join(strip.divide([*sorted(ends), width]))
+
+
+Cells = list[tuple[str, Style | None]]
+
+
+def _cells(row: Sequence[Segment], width: int) -> Cells:
+    """Each cell of a row; the second one of a wide character is ''."""
+    cells: Cells = []
+    for segment in row:
+        for sign in segment.text:
+            taken = get_character_cell_size(sign)
+            if taken == 0 and cells:
+                cells[-1] = cells[-1][0] + sign, segment.style
+            cells += [(sign, segment.style), ('', segment.style)][:taken]
+    return [*cells[:width], *[(' ', None)] * (width - len(cells))]
+
+
+def _changed(before: Cells, after: Cells) -> tuple[int, int] | None:
+    """The columns from the first to behind the last that differ; None while all are the same."""
+    differing = [place for place, (old, new) in enumerate(zip(before, after, strict=True)) if old != new]
+    if not differing:
+        return None
+    end = differing[-1] + 1
+    return differing[0], end + (end < len(after) and not after[end][0])  # a character is drawn as a whole

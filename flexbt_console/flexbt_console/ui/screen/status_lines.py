@@ -19,16 +19,19 @@ from flexbt_console.present import (
     log_lines,
     missed_peers,
     peer_line,
+    stamp_text,
     tone_of,
     what_runs,
 )
-from flexbt_console.ui.interaction import cut
+from flexbt_console.ui.interaction import cut, fold
 from flexbt_core.values import one_line
 
 from .keys import KEYS
 from .panes import styled
 
 ALARM_ROWS = 3
+
+_INDENT = ' ' * 12
 
 
 def status_text(view: View, columns: int, robot: str, others: str) -> Text:
@@ -68,23 +71,32 @@ def log_text(
     columns: int,
     rows: int,
 ) -> Text:
-    """The latest of the log, of transitions and commands, and of what the console itself has told, by their times."""
+    """The latest of the log, of transitions and commands, and of what the console itself has told, by their times.
+
+    A line that is too long takes more rows, at most half of all.
+    """
     merged = [
         *((line.stamp, 0, log_lines(line, with_time=True)) for line in lines),
         *((event.stamp, 0, [event_line(event, with_time=True)]) for event in events),
-        *((stamp, 1, [line]) for stamp, line in told),
+        *((stamp, 1, [_with_time(stamp, line)]) for stamp, line in told),
     ]
     merged.sort(key=lambda one: one[:2])
     rows = max(1, rows)
     shown: Sequence[str] = [line for _, _, text in merged[-rows:] for line in text][-rows:]
-    return styled([Line(cut(line, columns), tone_of(line)) for line in shown])
+    folded = [Line(row, tone_of(line)) for line in shown for row in fold(line, columns, max(1, rows // 2), _INDENT)]
+    return styled(folded[-rows:])
+
+
+def _with_time(stamp: float, line: str) -> str:
+    time = stamp_text(stamp) if stamp and not line.startswith(' ') else ''
+    return Line(f'{time:>8}  {line}', tone_of(line))
 
 
 def keys_text(view: View, columns: int) -> Text:
     """The keys, as many as there is room for; those that cannot be used now are dim."""
     room = columns
     chosen: set[str] = set()
-    for key in sorted(KEYS, key=lambda one: (one.rank, bool(one.blocked(view)))):
+    for key in sorted(KEYS, key=lambda one: (bool(one.blocked(view)), one.rank)):
         needed = len(key.shown) + len(key.label) + 3
         if key.rank < 3 and needed <= room:
             chosen.add(key.action)

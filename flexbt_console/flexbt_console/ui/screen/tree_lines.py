@@ -38,11 +38,27 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     nodes = _in_order(run, lambda node: True)
     if len(nodes) > rows - 1:  # what is below a node that does not run is not of now
         nodes = _in_order(run, lambda node: run.status(node.uid) is NodeStatus.RUNNING)
+    if len(nodes) > rows - 1:
+        nodes = [one for one in nodes if run.status(one[0].uid) in (NodeStatus.RUNNING, NodeStatus.FAILURE)]
     lines = [_node_line(run, node, depth, signs) for node, depth in nodes]
     acting = set(run.running_leaves)
     marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
     shown = window(lines, marked[-1] if marked else 0, rows - 1)
     return [title, *(_cut_line(line, columns) for line in shown)]
+
+
+def acting_lines(run: TreeRun) -> list[str]:
+    """Each leaf that acts, with the time that it has taken and all that it is in, the nearest first."""
+    nodes = {node.uid: node for node in run.nodes}
+    shown = []
+    for uid in run.running_leaves:
+        around, parent = [], nodes[uid].parent
+        while parent in nodes:
+            around.append(one_line(nodes[parent].name))
+            parent = nodes[parent].parent
+        inside = f'  in {", ".join(around)}' if around else ''
+        shown.append(f'{one_line(nodes[uid].name)}  {run.seconds(uid):.0f} s{inside}')
+    return shown
 
 
 def window(lines: list[str], marked: int, rows: int) -> list[str]:
@@ -83,7 +99,7 @@ def _node_line(run: TreeRun, node: TreeNode, depth: int, signs: Glyphs) -> str:
     time = f'  {seconds:.0f} s' if status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS else ''
     name = one_line(node.name) + ('?' if node.kind is NodeKind.CONDITION else '')
     kind = f' ({one_line(node.registration)})' if node.registration not in (node.name, '') else ''
-    word = f'  {shown.name}' if shown in (NodeStatus.FAILURE, NodeStatus.RUNNING) else ''
+    word = f'  {shown.name}' if shown is NodeStatus.FAILURE else ''
     tone = _TONES[status] if status is not NodeStatus.IDLE else Tone.ERROR if shown is NodeStatus.FAILURE else Tone.DIM
     return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}', tone)
 
