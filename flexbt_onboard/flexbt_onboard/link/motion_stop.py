@@ -2,7 +2,8 @@
 """Stops the robot without those who drive it: for a stop whose cancel nobody confirms.
 
 The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
-nor a time means all of them), and zero velocity is commanded until the robot stands still.
+nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
+what it says of its goals tells whether one goes on.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
+from rclpy.qos import qos_profile_action_status_default
 
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
@@ -43,6 +46,8 @@ _CANCEL_PERIODS: Final = 10
 
 _LEAST_SECONDS: Final = 1.0
 """Zero velocity is commanded for so long at least, and again when the robot moves."""
+
+_GOES_ON: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING))
 
 _REST_SECONDS: Final = 0.3
 _REST_METRES: Final = 0.01
@@ -75,6 +80,7 @@ class MotionStop:
         message_type: Any = TwistStamped if stamped else Twist
         self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
         self._asked: dict[str, ServiceCall] = {}
+        self._busy: dict[str, bool] = {}
         self._timer: Timer | None = None
         self._round = 0
         self._zero_until = 0.0
@@ -90,6 +96,13 @@ class MotionStop:
         """Know the servers already, so that a cancel need not wait for their discovery."""
         for name in self._servers():
             self._services.link(CancelGoal, f'{name}/_action/cancel_goal')
+            self._listen(name)
+
+    @property
+    def going_on(self) -> list[str]:
+        """The actions of which a goal has not ended, as far as their servers have told since :meth:`prepare` or
+        :meth:`hold`."""
+        return [name for name in self._servers() if self._busy.get(name)]
 
     def hold(self) -> None:
         """Begin to keep the robot at rest, until :meth:`release`."""
@@ -129,7 +142,19 @@ class MotionStop:
         there = {name for name, _ in node.get_service_names_and_types()}
         return [name for name in self._actions if node.resolve_service_name(f'{name}/_action/cancel_goal') in there]
 
+    def _listen(self, name: str) -> None:
+        if name in self._busy:
+            return
+        self._busy[name] = False
+
+        def told(goals: GoalStatusArray) -> None:
+            self._busy[name] = any(goal.status in _GOES_ON for goal in goals.status_list)
+
+        topic = f'{name}/_action/status'
+        self._runtime.node.create_subscription(GoalStatusArray, topic, told, qos_profile_action_status_default)
+
     def _cancel_all(self, name: str) -> None:
+        self._listen(name)
         if name in self._asked:
             return  # it has not answered yet
         service = f'{name}/_action/cancel_goal'

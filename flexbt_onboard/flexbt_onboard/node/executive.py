@@ -131,7 +131,9 @@ class Executive:
             journal,
             report,
             OperatorWatch(runtime, presence, report.operators),
-            StopWatch(runtime, motion_stop, parameters.stop_timeout),
+            StopWatch(
+                runtime, motion_stop, parameters.stop_timeout, functools.partial(self._link.log, ExecutiveLog.WARN)
+            ),
             RunDisplay(self._publish_structure, self._status.changed, self._status.flush),
             parameters.autonomy,
             parameters.monitoring,

@@ -2,11 +2,13 @@
 """What is done about a run that was told to stop, until all of it is at rest.
 
 The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
-operator sees what has not stopped; and after a while the run is given up.
+operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on when
+whoever has sent it there has given it up: the robot is kept at rest as long as it does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from flexbt_common.runtime import NodeRuntime
@@ -27,6 +29,14 @@ _PERIOD: Final = 0.5
 class RobotStop(Protocol):
     """Stops the robot without those who drive it."""
 
+    @property
+    def is_holding(self) -> bool:
+        """Whether it keeps the robot at rest now."""
+
+    @property
+    def going_on(self) -> Sequence[str]:
+        """Names of actions that may move the robot, and that go on."""
+
     def prepare(self) -> None:
         """A run begins."""
 
@@ -41,12 +51,15 @@ class RobotStop(Protocol):
 
 
 class StopWatch:
-    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on."""
+    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on;
+    ``warn(message)`` tells operators of what goes on after the end of the run, and when it does not any more."""
 
-    def __init__(self, runtime: NodeRuntime, robot: RobotStop, timeout: float) -> None:
+    def __init__(self, runtime: NodeRuntime, robot: RobotStop, timeout: float, warn: Callable[[str], None]) -> None:
         self.timeout = timeout
         self._runtime = runtime
         self._robot = robot
+        self._warn = warn
+        self._told: Sequence[str] = ()
         self._run: BehaviorRun | None = None
         self._since = 0.0
         self._timer: Timer | None = None
@@ -63,11 +76,18 @@ class StopWatch:
             return
         self._leave()
         self._robot.hold()
+        self._halt_for(HALT_SECONDS)
+
+    def _halt_for(self, seconds: float) -> None:
         steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + HALT_SECONDS, lambda: self._runtime.post(self._leave_halted))
+        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._leave_halted))
 
     def _leave_halted(self) -> None:
-        if self._run is None:
+        if self._run is not None:
+            return
+        if self._goes_on():
+            self._halt_for(_PERIOD)
+        else:
             self._leave()
 
     def stopping(self, run: BehaviorRun) -> None:
@@ -77,14 +97,15 @@ class StopWatch:
         self._check_in(MOTION_SECONDS, run)
 
     def ended(self) -> None:
-        """The run has ended. The robot is kept at rest until the goals of the run have ended, or the next one
-        begins."""
+        """The run has ended. The robot is kept at rest until the goals of the run have ended, and those of all that
+        move it, or the next run begins."""
         run = self._run
-        if run is not None and not run.has_goals:
+        if run is not None and not run.has_goals and not self._robot.is_holding:
             self._leave()
 
     def _leave(self) -> None:
         self._run = None
+        self._told = ()
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -97,7 +118,7 @@ class StopWatch:
     def _check(self, run: BehaviorRun) -> None:
         if run is not self._run:
             return
-        if run.has_ended and not run.has_goals:
+        if run.has_ended and not run.has_goals and not self._goes_on():
             self._leave()
             return
         self._robot.hold()
@@ -106,3 +127,16 @@ class StopWatch:
             run.abort(f'aborted {self.timeout:g} s after the stop')
         run.show_not_stopped(seconds)
         self._check_in(_PERIOD, run)
+
+    def _goes_on(self) -> bool:
+        """Whether something moves the robot all the same, of which operators are told."""
+        names = tuple(self._robot.going_on)
+        if names and names != self._told:
+            self._warn(
+                f'the robot is kept at rest until the next start: {", ".join(names)} went on after the stop. '
+                'Restart the server if it does not end the goal'
+            )
+        elif self._told and not names:
+            self._warn(f'{", ".join(self._told)} has ended: the robot is not kept at rest any more')
+        self._told = names
+        return bool(names)

@@ -9,11 +9,17 @@ from typing import Any
 import pytest
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, Twist
+from nav2_msgs.action import Spin
+from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceLinks
+from flexbt_common.calls import ActionLinks, SentGoal, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
+from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.link import MOTION_ACTIONS, MotionStop
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
 
@@ -94,3 +100,57 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 1.0
         silence(robot)
         assert len(robot.commands) == count
+
+
+class _RestsLate(EventState):
+    """Has not halted before the test says so: as a goal whose server gives up to wait for another one."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self.rests = False
+
+    def halting(self) -> str | None:
+        return None if self.rests else 'a goal not confirmed canceled'
+
+
+def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_the_run() -> None:
+    state = _RestsLate()
+
+    def machine() -> OperatableStateMachine:
+        made = OperatableStateMachine(outcomes=['finished'])
+        with made:
+            made.add('Drive', state, transitions={'done': 'finished'})
+        return made
+
+    with NodeRuntime.open('robot') as robot:
+        commands: list[Twist] = []
+        poses = robot.call(lambda: robot.node.create_publisher(PoseStamped, names.POSE, 1))
+        robot.call(lambda: robot.node.create_subscription(Twist, names.CMD_VEL, commands.append, 10))
+        spin = ScriptedActionServer(robot, Spin, names.SPIN, on_cancel=lambda _handle: CancelResponse.ACCEPT)
+        goal = SentGoal(ActionLinks(robot).link(Spin, names.SPIN), Spin.Goal())
+        wait_until(lambda: spin.running, 'the goal')
+        pose = PoseStamped()
+        pose.header.frame_id = 'map'
+
+        def is_stopped_when_it_moves() -> bool:
+            pose.pose.position.x += 0.1
+            poses.publish(pose)
+            return bool(commands)
+
+        bench = ExecutiveBench(behavior_of(machine))
+        try:
+            bench.start()
+            bench.wait_active('/Drive')
+            bench.applied(ExecutiveCommand.STOP)
+            wait_until(lambda: spin.cancels, 'the cancel of all goals')
+            state.rests = True
+            state.wake()
+            assert bench.wait_idle() == 'preempted'
+            bench.logged('the robot is kept at rest until the next start: spin went on after the stop')
+            commands.clear()
+            wait_until(is_stopped_when_it_moves, 'zero velocity after the end of the run')
+            spin.end(0, 'canceled')
+            goal.wait()
+            bench.logged('spin has ended: the robot is not kept at rest any more')
+        finally:
+            bench.close()

@@ -5,6 +5,7 @@ from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_typ
 
 from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
+from .ending_goals import EndingGoals
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
 from .reach_goal import ReachGoal
@@ -24,6 +25,7 @@ __all__ = [
     'SERVER_PORTS',
     'SERVICE_PORTS',
     'ActionLeaf',
+    'EndingGoals',
     'ExecuteBehavior',
     'LeafServices',
     'PoseLeaf',

@@ -3,14 +3,16 @@
 
 The leaf never blocks. It is RUNNING from sending to result; every wait has a deadline, and a server that dies is
 noticed. Halting cancels the goal, also one that is not accepted yet, and the tree has not halted before that is
-confirmed. A goal is not sent while a halted goal of the same tree is still ending: two of them would move one robot.
-The leaf fails when the tree does not come to rest in time, such as one with a thread that does not return.
+confirmed. A goal is not sent while a halted goal of the same tree is still ending, nor one of another tree that has the
+same actuator or server: two of them would move one robot. A server may ignore a cancel: it is asked again until it has
+ended the goal, or is gone. The leaf fails when nothing comes to rest in time, such as a thread that does not return.
 
 While the tree is paused the goal is canceled; when the tree goes on it is sent again, or what is left of it. A goal
 that ended before its cancel had an effect has its result.
 
 Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
-a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails.
+a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails; the end of a goal
+that was canceled is waited for, where Nav2 logs an error and goes on.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model import STRING, UINT16, UNSIGNED
 from flexbt_core.clock import Clock, Timer
 
+from .ending_goals import EndingGoal
 from .leaf_services import LeafServices
 
 SERVER_PORTS: Final[dict[str, Port]] = {
@@ -67,7 +70,7 @@ class _LeafGoal:
     ) -> None:
         self._leaf = leaf
         self._name = leaf.action_name
-        self._unfinished: UnfinishedWork | None = None
+        self._ending: tuple[EndingGoal, UnfinishedWork] | None = None
         self._lock = threading.Lock()
         self._ended = False
         self._outcome: GoalOutcome | None = None
@@ -92,13 +95,15 @@ class _LeafGoal:
         """Whether this leaf has canceled the goal."""
         return self._call.cancel_requested
 
-    def cancel(self, timeout: float) -> None:
+    def cancel(self) -> None:
         """Cancel the goal and do not wait for it. From any thread; harmless when it was canceled."""
+        leaf = self._leaf
         with self._lock:
-            if self._ended or self._unfinished is not None:
+            if self._ended or self._ending is not None:
                 return
-            self._unfinished = self._leaf.context.add_unfinished(f'canceling the goal of {self._name}')
-        self._call.cancel(timeout)
+            ending = leaf.host.ending.add(self._name, leaf.skill.resources)
+            self._ending = ending, leaf.context.add_unfinished(ending.description)
+        self._call.cancel(None)
 
     def _on_feedback(self, feedback: Any) -> None:
         self.feedback = feedback
@@ -107,11 +112,13 @@ class _LeafGoal:
         with self._lock:
             self._ended = True
             self._outcome = outcome
-            unfinished = self._unfinished
-        if unfinished is not None:
-            unfinished.done()
-        else:
+            ending = self._ending
+        if ending is None:
             self._leaf.wake()
+            return
+        goal, unfinished = ending
+        self._leaf.host.ending.remove(goal)
+        unfinished.done()
 
 
 _CODES: Final = {
@@ -242,16 +249,17 @@ class ActionLeaf(StatefulAction):
         """Send the goal, or what is left of that which was canceled for a pause, when nothing else goes on."""
         if self._is_held:
             return NodeStatus.RUNNING
-        unfinished = self.context.unfinished
+        ending = self.host.ending
+        ending.wait(self.wake)  # before the look at it
+        others = ending.in_the_way_of(self.action_name, self.skill.resources)
+        unfinished = tuple(dict.fromkeys((*self.context.unfinished, *others)))
         if unfinished and self._steady.now() < self._rest_by:
             if self._alarm is None:
                 self._alarm = self._steady.call_at(self._rest_by, self.wake)
             return NodeStatus.RUNNING
         self._stop_waiting()
         if unfinished:
-            return self._failed(
-                f'the goal was not sent, because the tree is not at rest after a halt: {", ".join(unfinished)}'
-            )
+            return self._failed(f'the goal was not sent, because of what goes on after a halt: {", ".join(unfinished)}')
         older = self._goal
         try:
             if older is None:
@@ -279,7 +287,7 @@ class ActionLeaf(StatefulAction):
     def abandon(self) -> None:
         for goal in (*self._superseded, self._goal):
             if goal is not None:
-                goal.cancel(self.host.cancel_timeout)
+                goal.cancel()
 
     @property
     def _is_held(self) -> bool:
@@ -291,6 +299,7 @@ class ActionLeaf(StatefulAction):
 
     def _stop_waiting(self) -> None:
         self._waiting = False
+        self.host.ending.stop_waiting(self.wake)
         if self._alarm is not None:
             self._alarm.cancel()
             self._alarm = None

@@ -12,6 +12,7 @@ from flexbt_common.liveness import STARTED
 from flexbt_common.runtime import NodeRuntime
 from flexbt_server.trees import TreeStore
 
+from .ending_goals import EndingGoals
 from .robot_frames import RobotFrames
 from .topic_cache import TopicCaches
 from .trigger_services import TriggerServices
@@ -26,10 +27,10 @@ class LeafServices:
 
     ``runtime`` owns the node and the thread on which everything of rclpy happens; ``actions`` and ``services`` are
     the shared clients, ``topics`` the shared subscriptions, ``triggers`` the services that nodes of trees offer;
-    ``frames`` knows where the robot is; ``trees`` has the node types, and reads files. ``server_timeout`` and
-    ``cancel_timeout`` are the deadlines for acceptance and for the confirmation of a cancel, in seconds of wall time;
-    ``start_timeout`` is the age of this process up to which a server is waited for in any case. ``goal_reached_tol`` is
-    Nav2's parameter of this name, m.
+    ``ending`` are canceled goals that may go on; ``frames`` knows where the robot is; ``trees`` has the node types, and
+    reads files. ``server_timeout`` and ``cancel_timeout`` are the deadlines for acceptance and for the confirmation of
+    a cancel, in seconds of wall time; ``start_timeout`` is the age of this process up to which a server is waited for
+    in any case. ``goal_reached_tol`` is Nav2's parameter of this name, m.
     """
 
     runtime: NodeRuntime
@@ -37,6 +38,7 @@ class LeafServices:
     services: ServiceLinks
     topics: TopicCaches
     triggers: TriggerServices
+    ending: EndingGoals
     frames: RobotFrames
     trees: TreeStore
     server_timeout: float

@@ -23,7 +23,7 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
 from flexbt_server.goals import TreeGoals
-from flexbt_server.leaves import LeafServices, RobotFrames, TopicCaches, TriggerServices
+from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCaches, TriggerServices
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher, TreeLogs
@@ -67,6 +67,7 @@ class BtServer:
             services=ServiceLinks(runtime),
             topics=topics,
             triggers=TriggerServices(runtime),
+            ending=EndingGoals(runtime.steady, parameters.cancel_timeout, logger.warning),
             frames=RobotFrames(
                 runtime,
                 topics.cache(PoseStamped, parameters.pose_topic, 1),

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A server of motion that ignores cancels: nothing else moves the robot while it may go on, and people are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from rclpy.action import CancelResponse
+
+from flexbt_common import names
+from flexbt_common.calls import GoalStatus
+from flexbt_msgs.action import BtExecute
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.server_world import DEADLINE, World, open_world
+from flexbt_testing.waiting import wait_until
+
+Result = BtExecute.Result
+
+TURN_OR_BACK = '<Fallback><Timeout msec="50"><Spin name="turn"/></Timeout><BackUp name="back"/></Fallback>'
+
+
+def ignores_cancels(world: World, response: CancelResponse) -> ScriptedActionServer:
+    """The server of ``spin``, whose goals go on whatever is asked."""
+    world.navigation.hold.add(names.SPIN)
+    spin = world.navigation.actions[names.SPIN]
+    spin.on_cancel = lambda _handle: response
+    return spin
+
+
+@pytest.fixture
+def patient() -> Iterator[World]:
+    with open_world(cancel_timeout=DEADLINE) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize('response', [CancelResponse.ACCEPT, CancelResponse.REJECT])
+def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: CancelResponse) -> None:
+    with open_world(cancel_timeout=0.1) as world:
+        spin = ignores_cancels(world, response)
+        world.client.load_tree(TURN_OR_BACK)
+        world.client.load_tree('<BackUp name="back"/>', 'Back')
+        world.client.load_tree('<Spin name="turn"/>', 'Turn')
+        world.client.load_tree('<Wait wait_duration="1"/>', 'Rest')
+
+        told = world.client.execute().result
+        assert (told.code, told.failed_node) == (Result.ERROR, 'back'), told.message
+        assert 'the goal was not sent' in told.message and 'canceling the goal of spin' in told.message
+        assert 'not halted in time: canceling the goal of spin' in told.message
+
+        for tree, leaf in [('Back', 'back'), ('Turn', 'turn')]:  # of other runs, too
+            told = world.client.execute(tree).result
+            assert (told.code, told.failed_node) == (Result.FAILURE, leaf), told.message
+            assert 'canceling the goal of spin' in told.message
+        assert world.client.execute('Rest').result.code == Result.SUCCESS, 'which moves nothing'
+        assert (world.navigation.count(names.BACKUP), world.navigation.count(names.SPIN)) == (0, 1)
+
+        spin.end(0, 'canceled' if response is CancelResponse.ACCEPT else 'succeed')
+        wait_until(lambda: not spin.running, 'the end of the goal')
+        wait_until(lambda: world.client.execute('Back').result.code == Result.SUCCESS, 'the next goal')
+
+
+def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: World) -> None:
+    spin = ignores_cancels(patient, CancelResponse.ACCEPT)
+    patient.client.load_tree(TURN_OR_BACK)
+    patient.client.load_tree('<BackUp name="back"/>', 'Back')
+    first = patient.client.execute()
+    wait_until(lambda: spin.cancels, 'the cancel')
+    other = patient.client.execute('Back')
+    wait_until(lambda: other.feedback and other.feedback[-1].active_nodes, 'the other tree')
+    assert patient.navigation.count(names.BACKUP) == 0 and not first.ended
+    spin.end(0, 'canceled')
+    assert [first.result.code, other.result.code] == [Result.SUCCESS] * 2
+
+
+def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: World) -> None:
+    """The robot moves all the same: what it has reached then is reached."""
+    spin = ignores_cancels(patient, CancelResponse.REJECT)
+    patient.client.load_tree('<Spin name="turn"/>')
+    goal = patient.client.execute()
+    wait_until(lambda: spin.running, 'the goal')
+    run_id = goal.call.goal_id.hex()
+    patient.server_runtime.call(lambda: patient.server.goals.running.find(run_id).run.hold('a test'))
+    wait_until(lambda: spin.cancels, 'the cancel for the pause')
+    patient.server_runtime.call(lambda: patient.server.goals.running.find(run_id).run.hold(''))
+    spin.end(0)
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+    assert patient.navigation.count(names.SPIN) == 1
