@@ -159,8 +159,9 @@ class NavigatorGoal(TreeGoal):
             if outcome.code == Code.ERROR and not code:
                 code = getattr(result, self.problem, 0)  # Jazzy's actions have none of these
             result.error_code = code
-            remarks = (outcome.failed_node and f'[{outcome.failed_node}] ', outcome.message, self.notice)
-            result.error_msg = sendable('; '.join(filter(None, (remarks[0] + remarks[1], remarks[2]))), MESSAGE_LIMIT)
+            node = '' if outcome.failed_node in outcome.message else f'[{outcome.failed_node}] '
+            remarks = (node + outcome.message, self.notice)
+            result.error_msg = sendable('; '.join(filter(None, remarks)), MESSAGE_LIMIT)
         return outcome.code, result
 
     def fault_result(self, why: str) -> Any:

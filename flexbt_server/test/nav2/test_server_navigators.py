@@ -154,7 +154,8 @@ def test_poses_to_pass_have_statuses_that_begin_anew_with_each_goal(front: Front
 
 def test_codes_are_those_of_the_servers_and_messages_name_the_node(front: Front) -> None:
     front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
-    ended(front.to(100.0), GoalStatus.ABORTED, 'ComputePathToPose', 'scripted failure 0', code=GOAL_OUTSIDE_MAP)
+    failed = ended(front.to(100.0), GoalStatus.ABORTED, 'scripted failure 0', code=GOAL_OUTSIDE_MAP)
+    assert failed.error_msg.count('ComputePathToPose') == 1
     ended(front.to(1.0))  # the code is not left for the next goal
 
 
@@ -267,6 +268,10 @@ def test_a_goal_that_waits_can_be_canceled(driving: Front) -> None:
     assert second.wait().status is GoalStatus.CANCELED
     assert not driving.navigation.actions[names.COMPUTE_PATH_THROUGH_POSES].goals
     assert first.wait().status is GoalStatus.CANCELED
+
+
+def test_a_tree_file_that_there_is_not_is_named_without_a_line(front: Front) -> None:
+    ended(front.to(2.0, tree='nothing.xml'), GoalStatus.ABORTED, 'tree file refused: nothing.xml: not a file name')
 
 
 def test_a_goal_in_a_frame_that_is_not_known_leaves_the_running_one_alone(driving: Front) -> None:

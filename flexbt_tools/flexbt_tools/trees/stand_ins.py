@@ -60,11 +60,14 @@ class StandIn:
     __slots__ = ()
 
 
-def _stand_in(kind: NodeKind, ports: Mapping[str, Port]) -> type[TreeNode]:
+def _stand_in(kind: NodeKind, ports: Mapping[str, Port], where: str = __name__) -> type[TreeNode]:
+    """A class whose module is told to be ``where``: the file that describes it, in messages about its ports."""
+
     def execute(self: TreeNode) -> NodeStatus:
         raise self.fault('this node type is not installed here')
 
-    return type('StandIn', (StandIn, _BASES[kind]), {'kind': kind, 'ports': ports, 'execute': execute})
+    members = {'__module__': where, 'kind': kind, 'ports': ports, 'execute': execute}
+    return type('StandIn', (StandIn, _BASES[kind]), members)
 
 
 def is_stand_in(manifest: NodeManifest) -> bool:
@@ -94,7 +97,7 @@ def add_models(registry: NodeRegistry, file: str, text: str) -> list[LoadError]:
             port.attributes.get('name', ''): _port(port, known) for port in element.children if port.tag in _DIRECTIONS
         }
         try:
-            registry.register(id, _stand_in(kind, ports))
+            registry.register(id, _stand_in(kind, ports, file))
         except RegistrationError as error:
             errors.append(source.error(element.offset, str(error), str(element)))
     return errors

@@ -328,7 +328,10 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
     )
     done = tool('check', '--models', str(models), str(tree))
     assert done.out.endswith(": error: <Grasp>: port [force] of type double: can't convert text 'hard' to double\n")
-    tree.write_text(tree.read_text().replace('hard', '2.5'))
+    tree.write_text(tree.read_text().replace('force="hard"', 'fore="2.5"'))
+    done = tool('check', '--models', str(models), str(tree))
+    assert f'did you mean [force]? its ports are: object, force (the [Grasp] of {models})' in done.out
+    tree.write_text(tree.read_text().replace('fore', 'force'))
     done = tool('check', '--models', str(models), str(tree))
     assert ': warning: <Grasp>: key [cup] is read, and nothing writes it' in done.out
     models.write_text(models.read_text().replace('"Held"', '"He ld"'))

@@ -42,7 +42,7 @@ class BlackboardError(BehaviorTreeError):
 class LoadError:
     """One reason why a document is refused (or, among the warnings of a document, one oddity).
 
-    ``line`` and ``column`` count from 1 in the text as the user wrote it.
+    ``line`` and ``column`` count from 1 in the text as the user wrote it; both are 0 when it is about the file.
     ``node`` is the element: its tag, with its ``name`` when it has one; '' when there is none.
     ``unknown`` is the node type that is not registered, where that is the reason and no other type is similar.
     """
@@ -55,7 +55,7 @@ class LoadError:
     unknown: str = ''
 
     def __str__(self) -> str:
-        where = f'{self.file}:{self.line}:{self.column}'
+        where = f'{self.file}:{self.line}:{self.column}' if self.line else self.file
         return f'{where}: {self.node}: {self.message}' if self.node else f'{where}: {self.message}'
 
 

@@ -136,7 +136,8 @@ class NodeReader:
         if problem:
             self._error(element, problem, 'ID')
         elif id in self._registry:
-            self._error(element, f'[{id}] is a node type, not a tree; use <{id}> instead of <SubTree>', 'ID')
+            remedy = '' if id == 'SubTree' else f'; use <{id}> instead of <SubTree>'
+            self._error(element, f'[{id}] is a node type, not a tree{remedy}', 'ID')
         return self._registry.get('SubTree')
 
     def _unknown_node(self, element: Element, id: str) -> None:
@@ -233,7 +234,8 @@ class NodeReader:
             known = ', '.join(manifest.ports) or 'none'
             similar = similar_names(name, manifest.ports)
             hint = f'did you mean [{similar[0]}]? ' if similar else ''
-            self._error(element, f'[{manifest.id}] has no port [{name}]; {hint}its ports are: {known}', name)
+            message = f'[{manifest.id}] has no port [{name}]; {hint}its ports are: {known}'
+            self._error(element, message + _origin(manifest), name)
             return None
         key = pointer_key(text, name)
         if key is not None:
@@ -277,7 +279,8 @@ class NodeReader:
             if default is NO_DEFAULT:
                 if port.required:
                     kind = f' of type {port.type.name}' if port.type is not None else ''
-                    self._error(element, f'port [{name}]{kind} of [{manifest.id}] is missing; add {name}="..."')
+                    message = f'port [{name}]{kind} of [{manifest.id}] is missing; add {name}="..."'
+                    self._error(element, message + _origin(manifest))
             elif isinstance(default, str):
                 key = pointer_key(default, name)
                 value = PortValue(default, key) if key is not None else self._literal(element, port, name, default)
@@ -289,6 +292,13 @@ class NodeReader:
     def _error(self, element: Element, message: str, attribute: str | None = None, unknown: str = '') -> None:
         offset = element.offset if attribute is None else element.offsets.get(attribute, element.offset)
         self._errors.append(replace(self._source.error(offset, message, str(element)), unknown=unknown))
+
+
+def _origin(manifest: NodeManifest) -> str:
+    """Whose node type it is: another one of the same name may be meant, of a package that is not
+    installed."""
+    module = manifest.node_class.__module__
+    return '' if module.startswith('flexbt_core.') else f' (the [{manifest.id}] of {module})'
 
 
 def _children(count: int) -> str:
