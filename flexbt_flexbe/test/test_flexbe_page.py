@@ -9,8 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'how_to' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
 TESTS = [
-    *sorted((ROOT / 'flexbt_flexbe' / 'test').glob('test_*.py')),
-    *sorted((ROOT / 'flexbt_core' / 'test' / 'state_machine').glob('test_*.py')),
+    *sorted((ROOT / 'flexbt_flexbe' / 'test').rglob('test_*.py')),
+    *sorted((ROOT / 'flexbt_core' / 'test' / 'state_machine').rglob('test_*.py')),
 ]
 
 

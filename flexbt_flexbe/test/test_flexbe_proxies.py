@@ -379,18 +379,22 @@ class TestActions:
                 if super().execute(state) is None:
                     return None
                 self.seen.append((self.client.is_active(self.topic), self.client.get_status(self.topic)))
-                self.client.remove_result(self.topic)
+                self.seen.append(self.client.get_status_string(self.topic))
+                self.client.get_result(self.topic, clear=True)
                 if self.client.has_result(self.topic) or self.client.get_result(self.topic) is not None:
                     return 'failed'
-                if len(self.seen) < 5:
+                if len(self.seen) < 6:
                     self.client.send_goal(self.topic, Goal())
+                    self.seen.append(self.client.verify_action_status(self.topic))
                     return None
+                self.seen.append(self.client.verify_action_status(self.topic))
                 return 'done'
 
         server = bench.serve(BtExecute, 'work', ends(GOOD))
         steps = Twice()
         assert run(bench, steps).wait() == 'done'
-        assert steps.seen == [False, 'ok', (False, 4), 'ok', (False, 4)]
+        ended = ['ok', (False, 4), 'SUCCEEDED']
+        assert steps.seen == [False, *ended, (False, 0), *ended, (True, 4)]
         assert len(server.goals) == 2
 
     def test_feedback_wakes_the_state(self, bench: StateBench) -> None:
@@ -403,8 +407,8 @@ class TestActions:
         class Listening(Sending):
             def execute(self, state: Script) -> str | None:
                 if self.client.has_feedback(self.topic) and len(self.seen) == 1:
-                    self.seen.append(list(self.client.get_feedback(self.topic).feedback.active_nodes))
-                    self.client.remove_feedback(self.topic)
+                    self.seen.append(list(self.client.get_feedback(self.topic, clear=True).feedback.active_nodes))
+                    assert not self.client.has_feedback(self.topic)
                     server.resolve(released)
                 return super().execute(state)
 

@@ -13,7 +13,8 @@ from flexbt_flexbe import shim
 
 USE = """
 from flexbe_core import Autonomy, Behavior, EventState, Logger, OperatableStateMachine, StateLogger, set_node
-from flexbe_core.core.exceptions import UserDataError
+from flexbe_core.core import StateError, StateMachineError, UserDataError
+from flexbe_core.core.exceptions import UserDataError as SameError
 from flexbe_core.core.user_data import UserData
 from flexbe_core.logger import Logger as SameLogger
 from flexbe_core.proxy import ProxyActionClient, ProxyPublisher, ProxyServiceCaller, ProxySubscriberCached
@@ -21,7 +22,9 @@ from flexbe_core.proxy.proxy_action_client import ProxyActionClient as Same
 from flexbe_core.proxy.qos import QOS_LATCH
 from flexbe_states.wait_state import WaitState
 import flexbt_flexbe
+from flexbe_states.user_data_state import UserdataState
 assert (EventState, Same, SameLogger) == (flexbt_flexbe.EventState, flexbt_flexbe.ProxyActionClient, Logger)
+assert SameError is UserDataError
 print('used')
 """
 REAL = "WHO = 'real'\n"

@@ -29,7 +29,7 @@ from flexbt_flexbe.states import (
     PublisherStringState,
     SelectionState,
     SubscriberState,
-    UserDataState,
+    UserdataState,
     WaitForServersState,
     WaitState,
 )
@@ -199,7 +199,7 @@ class TestTelling:
         assert run.lines == [(Severity.INFO.value, '/State', 'at 7 %')]
 
     def test_user_data(self, bench: StateBench) -> None:
-        assert outcome_of(bench, lambda: UserDataState({'a': [1]})) == ('done', {'a': [1]})
+        assert outcome_of(bench, lambda: UserdataState({'a': [1]})) == ('done', {'a': [1]})
 
     def test_wait_takes_its_time(self, bench: StateBench) -> None:
         begin = bench.runtime.clock.now()

@@ -52,7 +52,7 @@ PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     'SelectionState': {'message': 'which?'},
     'SubscribeOnceState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
     'SubscriberState': {'topic': 'in', 'msg_type': 'std_msgs/msg/String'},
-    'UserDataState': {'data': 1},
+    'UserdataState': {'data': 1},
     'WaitForServersState': {},
     'WaitState': {'wait_time': 1.0},
 }

@@ -21,6 +21,10 @@ _STATUS: Final = {
     GoalStatus.SUCCEEDED: RosGoalStatus.STATUS_SUCCEEDED,
     GoalStatus.CANCELED: RosGoalStatus.STATUS_CANCELED,
 }
+_TERMINAL: Final = (*_STATUS.values(), RosGoalStatus.STATUS_ABORTED)
+_STATUS_NAMES: Final = {
+    value: name.removeprefix('STATUS_') for name, value in vars(RosGoalStatus).items() if name.startswith('STATUS_')
+}
 
 
 @dataclass
@@ -115,8 +119,8 @@ class ProxyActionClient(RunProxy):
         client = self._asked(topic)
         return client is not None and client.ended is not None
 
-    def get_result(self, topic: str) -> Any:
-        """The result of the goal, None while there is none.
+    def get_result(self, topic: str, clear: bool = False) -> Any:
+        """The result of the goal, None while there is none; ``clear`` forgets it, as :meth:`remove_result` does.
 
         Raises:
             NoResultError: the goal has ended without one. An aborted goal whose result was left as it is constructed
@@ -126,6 +130,7 @@ class ProxyActionClient(RunProxy):
         ended = client.ended if client is not None else None
         if client is None or ended is None:
             return None
+        client.is_removed |= clear
         result = ended.result
         is_own_cancel = ended.status is GoalStatus.CANCELED and client.call is not None and client.call.cancel_requested
         if result is not None and (
@@ -145,10 +150,16 @@ class ProxyActionClient(RunProxy):
         client = self._asked(topic)
         return client is not None and client.feedback is not None
 
-    def get_feedback(self, topic: str) -> Any:
-        """The newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or None."""
+    def get_feedback(self, topic: str, clear: bool = False) -> Any:
+        """The newest feedback message, as rclpy gives it: the feedback itself is its field ``feedback``; or None.
+
+        ``clear`` forgets it.
+        """
         client = self._asked(topic)
-        return client.feedback if client is not None else None
+        feedback = client.feedback if client is not None else None
+        if clear:
+            self.remove_feedback(topic)
+        return feedback
 
     def remove_feedback(self, topic: str) -> None:
         """Forget the feedback."""
@@ -170,6 +181,18 @@ class ProxyActionClient(RunProxy):
         return RosGoalStatus.STATUS_EXECUTING if call.accepted else RosGoalStatus.STATUS_UNKNOWN
 
     get_state = get_status
+
+    def get_status_string(self, topic: str) -> str:
+        """The name of :meth:`get_status`: 'UNKNOWN', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED', 'ABORTED'."""
+        return _STATUS_NAMES[self.get_status(topic)]
+
+    def verify_action_status(self, topic: str, wait_duration: float = 0.1) -> tuple[bool, int]:
+        """Whether the goal has ended, and its status; ``wait_duration`` is not waited for.
+
+        A goal that was canceled when its state was left is awaited by the run.
+        """
+        status = self.get_status(topic)
+        return status in _TERMINAL, status
 
     def cancel(self, topic: str) -> None:
         """Cancel the goal, at any time; the state that sent it is not at rest before the goal has ended."""

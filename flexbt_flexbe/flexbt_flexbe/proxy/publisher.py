@@ -80,6 +80,10 @@ class ProxyPublisher(RunProxy):
     create_publisher = createPublisher
 
     @on_class_too
+    def remove_publisher(self, topic: str) -> None:
+        """A state has done with the topic. The publisher ends with the run: other states may use it."""
+
+    @on_class_too
     def is_available(self, topic: str) -> bool:
         """Whether the run publishes on the topic."""
         return self._publishers.get(topic) is not None

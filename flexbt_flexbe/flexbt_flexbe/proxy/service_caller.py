@@ -98,6 +98,10 @@ class ProxyServiceCaller(RunProxy):
         service.listeners.note_caller()
         return _response(topic, service.call) if service.call is not None and service.call.done else None
 
+    def remove_client(self, topic: str) -> None:
+        """Forget the service, and the response to its last request."""
+        self._services.pop(topic, None)
+
     def _send(self, topic: str, request: Any, wait: float, response_timeout: float, ring: Any) -> ServiceCall:
         service = self._service(topic)
         request_type = service.link.service_type.Request

@@ -13,7 +13,7 @@ from .log_state import LogState
 from .operator_decision_state import OperatorDecisionState
 from .publisher_states import PublisherBoolState, PublisherEmptyState, PublisherStringState
 from .subscriber_state import SubscriberState
-from .user_data_state import UserDataState
+from .user_data_state import UserdataState
 from .wait_for_servers_state import WaitForServersState
 from .wait_state import WaitState
 
@@ -37,7 +37,7 @@ __all__ = [
     'PublisherStringState',
     'SelectionState',
     'SubscriberState',
-    'UserDataState',
+    'UserdataState',
     'WaitForServersState',
     'WaitState',
 ]

@@ -9,7 +9,7 @@ from flexbt_core.state_machine import UserData
 from flexbt_flexbe.api import EventState
 
 
-class UserDataState(EventState):
+class UserdataState(EventState):
     """
     Write a value to userdata.
 

@@ -9,4 +9,15 @@ from flexbt_flexbe import (
     UserData,
 )
 
-__all__ = ['ConcurrencyContainer', 'EventState', 'OperatableStateMachine', 'PriorityContainer', 'UserData']
+from .exceptions import StateError, StateMachineError, UserDataError
+
+__all__ = [
+    'ConcurrencyContainer',
+    'EventState',
+    'OperatableStateMachine',
+    'PriorityContainer',
+    'StateError',
+    'StateMachineError',
+    'UserData',
+    'UserDataError',
+]
