@@ -187,7 +187,8 @@ def test_all_errors_are_reported_in_order_of_their_place() -> None:
         (10, 'node type [Nope2] is not registered'),
     ]
     assert errors[1].node == '<OpenDoor>'
-    assert errors[1].message.endswith(f'(the [OpenDoor] of {__name__})')  # whose type it is; that of another one may be meant
+    # Whose type it is: that of another project may be meant.
+    assert errors[1].message.endswith(f'(the [OpenDoor] of {__name__})')
     assert errors[3].message.endswith('not 0')
 
 
