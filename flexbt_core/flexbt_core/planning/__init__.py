@@ -47,6 +47,7 @@ from .trees import (
     compact,
     explore,
     failed_action,
+    hopeless,
     plan,
     tree_xml,
 )
@@ -89,6 +90,7 @@ __all__ = [
     'conditions',
     'explore',
     'failed_action',
+    'hopeless',
     'parse_goal',
     'plan',
     'plan_team',

@@ -111,7 +111,8 @@ class SkillLibrary(Immutable):
             if not is_object(name):
                 yield ('objects', name), f'{shown(name)} cannot name an object: letters, digits and _.:/@-'
             if kind not in known:
-                yield ('objects', name), f'{shown(kind)} is no type{hint(kind, known)}'
+                remedy = f'; one that no predicate takes has to be named: types: {{{kind:.80}: {ANYTHING}}}'
+                yield ('objects', name), f'{shown(kind)} is no type{hint(kind, known)}{remedy}'
         for predicate in self.predicates.values():
             at = ('predicates', predicate.name)
             yield from ((at, problem) for problem in predicate.problems())
@@ -168,7 +169,8 @@ class SkillLibrary(Immutable):
             own = skill.parameters.get(argument) or self.objects.get(argument)
             if own is None:
                 known = [*skill.parameters, *self.objects]
-                yield at, f'{literal}: {shown(argument)} is neither a parameter nor an object{hint(argument, known)}'
+                what = 'neither a parameter nor an object' if skill.parameters else 'no object'
+                yield at, f'{literal}: {shown(argument)} is {what}{hint(argument, known)}'
             elif not self.is_kind_of(own, kind):
                 yield at, f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
 

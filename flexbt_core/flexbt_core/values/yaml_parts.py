@@ -59,10 +59,10 @@ class YamlParts:
         """A list of names."""
         return [self.name(one, what) for one in self.sequence(node, what)]
 
-    def name(self, node: yaml.Node, what: str) -> str:
-        """A name as it is written."""
+    def name(self, node: yaml.Node, what: str, expected: str = 'a name') -> str:
+        """A name, or what else is ``expected``, as it is written."""
         if not isinstance(node, yaml.ScalarNode):
-            self.problem(node, f'{what} has to be a name, not {shown_node(node)}')
+            self.problem(node, f'{what} has to be {expected}, not {shown_node(node)}')
             return ''
         return str(node.value)
 

@@ -1,8 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The skills of files, and how skills are told."""
+"""The skills and missions of files, and how skills are told."""
 
 from .files import read_skill_files
-from .sensors import unknown_names
+from .missions import mission_problems, mission_skills, read_mission_file
+from .sensors import unknown_names, unreached_ports
 from .skill_text import skill_lines
 
-__all__ = ['read_skill_files', 'skill_lines', 'unknown_names']
+__all__ = [
+    'mission_problems',
+    'mission_skills',
+    'read_mission_file',
+    'read_skill_files',
+    'skill_lines',
+    'unknown_names',
+    'unreached_ports',
+]

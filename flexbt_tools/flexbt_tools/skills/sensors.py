@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from string import Template
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.skills import ConditionSensor, SkillLibrary
@@ -30,6 +31,23 @@ def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegis
     for skill in library.skills.values():
         if skill != base.skills.get(skill.name):
             yield from _unknown_ports(skill.name, skill.arguments, registry, f'arguments of skill {skill.name}')
+
+
+def unreached_ports(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
+    """Of skills that are not as in ``base``: an installed leaf has the name, but learns of none of the parameters."""
+    for skill in library.skills.values():
+        manifest = registry.get(skill.name)
+        if manifest is None or not manifest.ports or not skill.parameters:
+            continue
+        if skill.name in base.skills and skill.parameters == base.skills[skill.name].parameters:
+            continue
+        told = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
+        if skill.parameters.keys().isdisjoint(told | manifest.ports.keys()):
+            yield (
+                f'skill {skill.name}: the installed leaf of this name learns of no parameter '
+                f'({", ".join(skill.parameters)}); say how by arguments (its ports: {", ".join(manifest.ports)}), '
+                'or give the skill another name if another leaf is meant'
+            )
 
 
 def _unknown_ports(id: str, ports: Iterable[str], registry: NodeRegistry, what: str) -> Iterator[str]:

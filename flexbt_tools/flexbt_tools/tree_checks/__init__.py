@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is wrong, or suspicious, in tree files."""
 
-from .check import check_trees
+from .check import check_trees, joined
 from .diagnostics import (
+    MISSION,
     NEVER_WRITTEN,
     REFUSED,
     RULES,
@@ -19,6 +20,7 @@ from .resources import Resources, tree_resources
 
 __all__ = [
     'HOST_KEYS',
+    'MISSION',
     'NEVER_WRITTEN',
     'REFUSED',
     'RULES',
@@ -31,6 +33,7 @@ __all__ = [
     'Severity',
     'check_trees',
     'findings',
+    'joined',
     'never_ticked',
     'tree_resources',
 ]

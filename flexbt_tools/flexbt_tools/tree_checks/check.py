@@ -7,13 +7,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
-from flexbt_core.behavior_tree import LoadError, NodeRegistry
+from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.skills import SkillLibrary
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import read_library, shown_name
 
 from .diagnostics import REFUSED, Diagnostic
 from .lint import findings
+from .missions import missions
 
 _NO_SKILLS: Final = SkillLibrary()
 
@@ -31,9 +32,10 @@ def check_trees(
     try:
         library = read_library(files, registry)
     except RefusedError as error:
-        found = [Diagnostic(REFUSED, reason) for reason in _joined(error.errors)]
+        found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:
-        found = list(dict.fromkeys(findings(library, inputs, shared=shared, skills=skills)))
+        all_found = [*findings(library, inputs, shared=shared, skills=skills), *missions(library, registry)]
+        found = list(dict.fromkeys(all_found))
     order = {shown_name(file): index for index, file in enumerate(files)}
     return sorted(
         found,
@@ -41,18 +43,19 @@ def check_trees(
     )
 
 
-def _joined(errors: Iterable[LoadError]) -> list[LoadError]:
-    """The errors, those of node types that are not registered as one for each file, at the first of their nodes."""
-    found: list[LoadError] = []
-    unknown: dict[str, list[LoadError]] = {}
-    for error in errors:
-        (unknown.setdefault(error.file, []) if error.unknown else found).append(error)
-    for nodes in unknown.values():
-        types = list(dict.fromkeys(f'[{one.unknown}]' for one in nodes))
-        told = nodes[0].message if len(types) == 1 else f'node types {", ".join(types)} are not registered'
-        several = f' ({len(nodes)} nodes)' if len(nodes) > len(types) else ''
-        remedy = 'install their package, describe them by --models FILE, or check the rest by --allow-unknown'
-        found.append(
-            replace(nodes[0], node='' if len(types) > 1 else nodes[0].node, message=f'{told}{several}; {remedy}')
-        )
-    return found
+def joined(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Findings for people: node types that are not registered are one for each file, at the first of their nodes."""
+    found: dict[tuple[str, int], list[Diagnostic]] = {}
+    for number, one in enumerate(diagnostics):
+        found.setdefault((one.place.file, -1 if one.place.unknown else number), []).append(one)
+    return [one[0] if len(one) == 1 and not one[0].place.unknown else _unknown_types(one) for one in found.values()]
+
+
+def _unknown_types(errors: list[Diagnostic]) -> Diagnostic:
+    nodes = [one.place for one in errors]
+    types = list(dict.fromkeys(f'[{one.unknown}]' for one in nodes))
+    told = nodes[0].message if len(types) == 1 else f'node types {", ".join(types)} are not registered'
+    several = f' ({len(nodes)} nodes)' if len(nodes) > len(types) else ''
+    remedy = 'install their package, describe them by --models FILE, or check the rest by --allow-unknown'
+    message = f'{told}{several}; {remedy}'
+    return Diagnostic(REFUSED, replace(nodes[0], node='' if len(types) > 1 else nodes[0].node, message=message))

@@ -42,6 +42,7 @@ UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither th
 SHARED_RESOURCE: Final = Rule(
     'shared-resource', Severity.WARNING, 'what may run at the same time needs the same actuator'
 )
+MISSION: Final = Rule('mission', Severity.WARNING, 'a mission cannot be read, or its goal not be reached')
 
 RULES: Final = (
     REFUSED,
@@ -54,6 +55,7 @@ RULES: Final = (
     TYPE_CLASH,
     UNUSED_TREE,
     SHARED_RESOURCE,
+    MISSION,
 )
 
 

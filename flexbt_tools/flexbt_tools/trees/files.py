@@ -95,13 +95,14 @@ def _content(file: str) -> bytes:
 def _include(path: str, package: str | None, including: str) -> tuple[str, bytes]:
     """As BehaviorTree.CPP: relative to the file that includes, or to the share directory of a package."""
     if package is not None and not path.startswith('/'):
-        file = str(_resource(f'{package}/{path}'))
+        file = str(find_resource(f'{package}/{path}'))
     else:
         file = os.path.normpath(Path(including).parent / path)
     return file, _content(file)
 
 
-def _resource(name: str) -> Path:
+def find_resource(name: str) -> Path:
+    """``package/relative/path`` in the share directory of a package. Raises OSError."""
     try:
         from flexbt_common.runtime import resolve_file
     except ImportError as error:

@@ -320,6 +320,8 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
         'install their package, describe them by --models FILE, or check the rest by --allow-unknown\n'
     )
     assert done.err == '1 file: 1 error\n'
+    told = json.loads(tool('check', '--json', str(tree)).out)['findings']
+    assert [one['message'] for one in told] == [f'node type [{one}] is not registered' for one in ('Grasp', 'Held')]
     assert tool('check', '--allow-unknown', str(tree)) == (0, '', '1 file: nothing to complain about\n')
     models.write_text(
         '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Held"/><Action ID="Grasp">'

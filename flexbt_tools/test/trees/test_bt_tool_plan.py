@@ -87,7 +87,9 @@ def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
     assert tool('check', str(tree), '--allow-unknown').code == 0
     told = json.loads(tool('plan', str(team), '--json', '--disturbed', '0').out)
     assert (told['duration'], told['cost'], told['alone']) == (50.0, 80.0, {'red': 80.0, 'blue': 80.0})
-    assert told['tasks'][0] == {'robot': 'red', 'action': 'DriveTo(red, office, hall)', 'begins': 0.0, 'ends': 10.0}
+    first = told['tasks'][0]['robot']  # either of two that can do the same
+    action = f'DriveTo({first}, office, hall)'
+    assert told['tasks'][0] == {'robot': first, 'action': action, 'begins': 0.0, 'ends': 10.0}
 
 
 @pytest.mark.parametrize(
@@ -102,7 +104,7 @@ def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
         ),
         ('red: [DriveTo, TakeCup, LeaveCup]', 'red: DriveTo', "robot red has to be a list, not 'DriveTo'"),
         ('red: [', "'r d': [", "team.yaml:2:1: robots: 'r d' cannot name a robot"),
-        ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is neither"),
+        ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is no object"),
     ],
 )
 def test_what_is_wrong_with_a_team_is_told(team: Path, wrong: str, right: str, message: str) -> None:
@@ -142,14 +144,14 @@ def test_a_goal_may_be_nested(mission: Path) -> None:
     ('wrong', 'right', 'message'),
     [
         ('goal: cup_at(office)', 'goal: (robot_at(hall) | holding_cup', "cup.yaml:10:1: goal '(robot_at(hall) | hol"),
-        ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is neither"),
+        ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is no object"),
         ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
         ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is no literal"),
         ('robot_at(office)', 'robotatoffice', 'cup.yaml:3:1: start: robotatoffice: there is no predicate'),
         ('[not open(kitchen_door)]', '[not opn(kitchen_door)]', 'cup.yaml:12:1: disturbance: not opn(kitchen_door)'),
         ('[not open(kitchen_door)]', '[]', 'cup.yaml:12:1: disturbance without literals'),
         ('start:', 'begin:', "cup.yaml:3:1: a mission cannot have 'begin'"),
-        ('[cup_skills.yaml]', '[cup_skill.yaml]', 'cup_skill.yaml:1:1: cannot be read'),
+        ('[cup_skills.yaml]', '[cup_skill.yaml]', 'cup.yaml:1:1: skills: there is no file '),
         ('[cup_skills.yaml]', 'cup_skills.yaml', 'cup.yaml:1:1: skills has to be a list'),
         (MISSION, '', 'cup.yaml:1:1: the text is empty'),
         (MISSION, '[', 'cup.yaml:1:1: no YAML'),

@@ -6,7 +6,7 @@ from .goal import conditions, parse_goal
 from .measurement import Measurement
 from .mission import Mission, read_mission
 from .model import Action, Condition, Domain, PlanningError, bits
-from .problem import Leaf, Problem
+from .problem import Leaf, Problem, predicate_of
 from .skill_problem import grounded_problem, sensor_leaf, skill_problem
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     'conditions',
     'grounded_problem',
     'parse_goal',
+    'predicate_of',
     'read_mission',
     'read_scene',
     'sensor_leaf',

@@ -43,15 +43,19 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
     """
     parts = YamlParts(source)
     entries = parts.mapping(parts.root(text), 'a mission')
+    if 'predicates' in entries:
+        raise PlanningError(f'{source}:1: these are skills, and no mission; a mission names their file: skills: [FILE]')
     parts.refuse_others(entries, ('skills', 'start', 'goal', 'disturbances', 'robots'), 'a mission')
 
     def literals(node: yaml.Node, what: str) -> tuple[str, ...]:
+        found = []
         for one in parts.sequence(node, what):
+            found.append(parts.name(one, f'what {what} lists', 'a literal such as on(cup, table)'))
             try:
-                parse_literal(parts.name(one, f'what {what} lists'))
+                parse_literal(found[-1])
             except SkillError as error:
                 parts.problem(one, str(error))
-        return tuple(parts.names(node, f'what {what} lists'))
+        return tuple(found)
 
     disturbances = parts.sequence(entries['disturbances'], 'disturbances') if 'disturbances' in entries else []
     robots = parts.mapping(entries.get('robots'), 'robots')
@@ -60,7 +64,7 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
     mission = Mission(
         tuple(parts.names(entries['skills'], 'skills')) if 'skills' in entries else (),
         literals(entries['start'], 'start') if 'start' in entries else (),
-        parts.name(entries['goal'], 'the goal') if 'goal' in entries else '',
+        parts.name(entries['goal'], 'the goal', 'a text such as on(cup, table)') if 'goal' in entries else '',
         tuple(literals(one, 'a disturbance') for one in disturbances),
         {name: tuple(parts.names(node, f'robot {name:.80}')) for name, node in robots.items()},
         {name: line_of(node) for name, node in entries.items()},

@@ -42,7 +42,8 @@ class Problem:
 
     ``goal`` are conditions, one of which has to hold in the end. ``disturbances`` are what others may do while the tree
     runs; their costs say nothing. ``leaves``: for literals and actions (by their names) the leaves of the tree; without
-    an entry :meth:`Leaf.of`.
+    an entry :meth:`Leaf.of`. ``remedies``: for predicates what may be missing where no action brings one of their
+    literals about, or ''; of other predicates, a literal that no action knows is taken for a slip.
 
     Raises:
         PlanningError: there is no goal.
@@ -53,6 +54,7 @@ class Problem:
     goal: tuple[Condition, ...]
     disturbances: tuple[Action, ...] = ()
     leaves: Mapping[str, Leaf] = field(default_factory=dict)
+    remedies: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.goal:
@@ -61,3 +63,12 @@ class Problem:
     def leaf(self, text: str) -> Leaf:
         """How a literal is tested, or an action done."""
         return self.leaves.get(text) or Leaf.of(text)
+
+    def knows(self, text: str) -> bool:
+        """Whether a literal is one of a predicate that is known."""
+        return predicate_of(text) in self.remedies
+
+
+def predicate_of(literal: str) -> str:
+    """The predicate of a literal as it is written: on, of ``on(cup, table)`` and of ``not on(cup, table)``."""
+    return literal.removeprefix('not ').partition('(')[0]

@@ -8,6 +8,7 @@ from string import Template
 from typing import Final
 
 from flexbt_core.skills import (
+    EQUAL,
     BlackboardSensor,
     ConditionSensor,
     GroundAction,
@@ -72,8 +73,30 @@ def grounded_problem(
         tuple(frozenset(map(str, one)) & grounded.goal for one in alternatives),
         tuple(map(_action, others)),
         leaves,
+        _remedies(extended),
     )
     return problem, tuple(actions)
+
+
+def _remedies(library: SkillLibrary) -> dict[str, str]:
+    """Of each predicate the skills that would bring it about if the start said what they need and none changes."""
+    effects = {
+        skill.name: {effect.predicate for outcome in skill.outcomes.values() for effect in outcome.effects}
+        for skill in library.skills.values()
+    }
+    changed = set[str]().union(*effects.values())
+    fixed = {
+        skill.name: ', '.join(str(one) for one in skill.preconditions if one.predicate not in {*changed, EQUAL})
+        for skill in library.skills.values()
+    }
+    return {
+        predicate: '; '.join(
+            f'{skill} would, but needs {fixed[skill]}, which nothing changes: is it missing at the start?'
+            for skill, brought in effects.items()
+            if predicate in brought and fixed[skill]
+        )
+        for predicate in library.predicates
+    }
 
 
 def _disturbance(effects: list[Literal]) -> Skill:

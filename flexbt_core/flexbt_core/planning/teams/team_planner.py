@@ -85,7 +85,7 @@ def plan_team(
     least = max((reachability.costs[literal] for literal in bits(goal)), default=0.0)
     least = max(least, found.bound / len(team.robots))
     if division is None:
-        reason = why_not(reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
+        reason = why_not(problem, reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
         return TeamPlan(team, problem, found.outcome, found.bound, expanded, clock() - began, least, reason=reason)
     alone = {robot: divider.alone(robot, initial, deadline).cost for robot in team.robots}
     branches: list[TeamBranch] = branches_of(domain, division, team.robots, doers)

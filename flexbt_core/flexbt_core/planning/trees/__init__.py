@@ -14,7 +14,7 @@ from .leaf_elements import (
     give_up,
     quoted,
 )
-from .planner import Plan, compiled, plan, why_not
+from .planner import Plan, compiled, hopeless, plan, why_not
 from .policy import Branch, Policy
 from .tree_xml import tree_xml
 
@@ -40,6 +40,7 @@ __all__ = [
     'failed_action',
     'fault',
     'give_up',
+    'hopeless',
     'plan',
     'quoted',
     'tree_xml',

@@ -6,11 +6,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from flexbt_core.planning.backward_search import Outcome, Progress, Reachability, SearchResult, Step, search
-from flexbt_core.planning.problems import Action, Domain, Problem, bits
+from flexbt_core.planning.problems import Action, Domain, Problem, bits, predicate_of
 
 from .compaction import CompactPolicy, Group, Rule
 from .coverage import Coverage, Disturbance, explore
@@ -66,7 +66,7 @@ def plan(
     reachability = Reachability(domain, initial)
     found = search(reachability, goal, time_limit=deadline - clock(), report=report, clock=clock)
     if found.start is None:
-        reason = why_not(reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
+        reason = why_not(problem, reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
         return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
     policy = _policy(domain, goal, goals, found)
     disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
@@ -107,6 +107,7 @@ def compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
     """The domain, what the search looks for, and the goals. Of several goals an action without cost makes each the
     one that is looked for."""
     known = (*problem.initial, *(literal for one in problem.disturbances for literal in one.adds | one.needs))
+    known += tuple(literal for one in problem.goal for literal in one if problem.knows(literal))
     if len(problem.goal) == 1:
         domain = Domain(problem.actions, known)
         goal = domain.mask(problem.goal[0])
@@ -127,16 +128,26 @@ def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResu
     return Policy(domain, goals, {one: step for one, step in found.steps.items() if one != goal} | ends)
 
 
-def why_not(reachability: Reachability, goals: Iterable[int]) -> str:
+def hopeless(problem: Problem) -> str:
+    """Why the goal cannot be reached even if nothing that comes to hold ends again and others do all that they may do;
+    '' where that tells of no reason."""
+    others = tuple(replace(one, cost=0.0) for one in problem.disturbances)
+    domain, _, goals = compiled(replace(problem, actions=(*problem.actions, *others), disturbances=()))
+    reachability = Reachability(domain, domain.state(problem.initial))
+    reached = [all(reachability.costs[literal] < math.inf for literal in bits(goal)) for goal in goals]
+    return '' if any(reached) else why_not(problem, reachability, goals)
+
+
+def why_not(problem: Problem, reachability: Reachability, goals: Iterable[int]) -> str:
     """Why none of the goals can be reached."""
-    return '; '.join(dict.fromkeys(_why_not_one(reachability, goal) for goal in goals))
+    return '; '.join(dict.fromkeys(_why_not_one(problem, reachability, goal) for goal in goals))
 
 
-def _why_not_one(reachability: Reachability, goal: int) -> str:
+def _why_not_one(problem: Problem, reachability: Reachability, goal: int) -> str:
     literals = reachability.domain.literals
     for literal in bits(goal):
         if reachability.costs[literal] == math.inf:
-            return _unreachable(reachability, literal)
+            return _unreachable(problem, reachability, literal)
     for literal in bits(goal):
         for other in bits(reachability.exclusions.of[literal] & goal):
             return f'{literals[literal]} and {literals[other]} can never hold at once'
@@ -144,19 +155,28 @@ def _why_not_one(reachability: Reachability, goal: int) -> str:
     return f'each of these can be reached, but not all at once: {names}'
 
 
-def _unreachable(reachability: Reachability, literal: int) -> str:
+def _unreachable(problem: Problem, reachability: Reachability, literal: int) -> str:
     """The chain of needs down to the one that nothing can bring about."""
     domain = reachability.domain
     seen = {literal}
     text = domain.literals[literal]
     while True:
+        name = domain.literals[literal]
         adders = [action for action, adds in enumerate(domain.adds) if adds >> literal & 1]
         if not adders:
-            return f'{text} does not hold, and no action brings it about'
+            remedy = problem.remedies.get(predicate_of(name))
+            return f'{text} does not hold, and no action brings it about{f" ({remedy})" if remedy else ""}'
         lacking = [need for need in bits(domain.needs[adders[0]]) if reachability.costs[need] == math.inf]
         new = next((need for need in lacking if need not in seen), None)
         if new is None:
-            return f'{text} can only be had where it holds already'
+            return f'{text} can only be had where it holds already{_nowhere(problem, name)}'
         seen.add(new)
         literal = new
         text = f'{text} needs {domain.literals[new]} (for {domain.actions[adders[0]].name}), and {domain.literals[new]}'
+
+
+def _nowhere(problem: Problem, literal: str) -> str:
+    """What may be missing at the start: a robot that is nowhere comes to no place."""
+    predicate = predicate_of(literal)
+    is_anywhere = predicate == literal or any(predicate_of(one) == predicate for one in problem.initial)
+    return '' if is_anywhere else f' (at the start no {predicate}(...) holds: is it missing there?)'

@@ -7,7 +7,7 @@ import argparse
 
 from flexbt_tools.cli import Reported, arguments, report
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.tree_checks import RULES, Severity, check_trees
+from flexbt_tools.tree_checks import RULES, Severity, check_trees, joined
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,5 +29,5 @@ def run(options: argparse.Namespace) -> ExitCode:
     registry = arguments.registry(options, allow_unknown=options.allow_unknown)
     skills = arguments.skill_library(options.skills, registry)
     found = check_trees(options.files, registry, options.input, shared=options.shared, skills=skills)
-    reported = [Reported(one.rule, str(one), one.to_json()) for one in found]
+    reported = [Reported(one.rule, str(one), one.to_json()) for one in (found if options.json else joined(found))]
     return report.report(options, reported, 'file', len(options.files))

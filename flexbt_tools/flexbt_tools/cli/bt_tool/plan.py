@@ -7,7 +7,6 @@ import argparse
 import gzip
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -25,7 +24,6 @@ from flexbt_core.planning import (
     parse_goal,
     plan,
     plan_team,
-    read_mission,
     read_scene,
     skill_problem,
     team_problem,
@@ -36,13 +34,13 @@ from flexbt_core.skills import SkillError
 from flexbt_core.values import lines, one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
+from flexbt_tools.skills import mission_problems, mission_skills, read_mission_file
 from flexbt_tools.text_files import read_text, write_text
 
 from .plan_picture import draw_plan
 from .plan_text import plan_document, plan_summary
 
 _MOST_BYTES: Final = 100_000_000
-_MISSION_BYTES: Final = 1_000_000
 _EXIT_CODES: Final = {
     Outcome.SOLVED: ExitCode.OK,
     Outcome.UNSOLVABLE: ExitCode.NEGATIVE,
@@ -112,7 +110,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             found = plan(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
             text = tree_xml(found, options.name) if found.policy is not None else None
     except PlanningError as error:
-        raise _refused(options.mission, {}, error) from error
+        raise RefusedError([LoadError(options.mission, 1, 1, '', str(error))]) from error
     if options.output is not None and text is not None:
         write_text(options.output, text)
     if options.draw is not None and text is not None:
@@ -132,13 +130,9 @@ def run(options: argparse.Namespace) -> ExitCode:
 def _problem(options: argparse.Namespace) -> Problem | Team:
     if options.mission.endswith('.json'):
         return _scene(options)
-    try:
-        mission = read_mission(read_text(options.mission, _MISSION_BYTES), options.mission)
-    except PlanningError as error:
-        raise _refused(options.mission, {}, error) from error
-    beside = Path(options.mission).parent
+    mission = read_mission_file(options.mission)
     known = arguments.registry(options, allow_unknown=False)
-    library = arguments.skill_library([str(beside / name) for name in mission.skills], known)
+    library = mission_skills(options.mission, mission, arguments.skill_library([], known))
     goal = mission.goal if options.goal is None else options.goal
     if not goal:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
@@ -148,19 +142,11 @@ def _problem(options: argparse.Namespace) -> Problem | Team:
             return team_problem(library, start, goal, mission.robots, mission.disturbances)
         return skill_problem(library, start, goal, mission.disturbances)
     except (PlanningError, SkillError) as error:
-        raise _refused(options.mission, mission.lines, error) from error
-
-
-def _refused(file: str, entries: Mapping[str, int], error: Exception) -> RefusedError:
-    """What is wrong with a mission, at the line that it names, or at that of the entry with which it begins."""
-    errors = []
-    for problem in str(error).splitlines():
-        line, separator, message = problem.removeprefix(f'{file}:').partition(': ')
-        if not (separator and line.isdecimal()):
-            message = problem.removeprefix('skills ')
-            line = next((str(at) for name, at in entries.items() if message.startswith(name.removesuffix('s'))), '1')
-        errors.append(LoadError(file, int(line), 1, '', message))
-    return RefusedError(errors)
+        given = [name for name in ('goal', 'start') if getattr(options, name) is not None]
+        located, words = mission_problems(options.mission, mission, error, given)
+        if words:
+            raise UsageError('\n'.join(f'--{one}' for one in words)) from error
+        raise RefusedError(located) from error
 
 
 def _scene(options: argparse.Namespace) -> Problem:
@@ -180,7 +166,7 @@ def _scene(options: argparse.Namespace) -> Problem:
         start = initial if options.start is None else frozenset(options.start)
         return Problem(found, start, conditions(parse_goal(options.goal)))
     except PlanningError as error:
-        raise _refused(options.mission, {}, error) from error
+        raise RefusedError([LoadError(options.mission, 1, 1, '', str(error))]) from error
 
 
 def _show_progress(progress: Progress) -> None:

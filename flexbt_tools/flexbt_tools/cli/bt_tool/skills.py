@@ -9,7 +9,7 @@ import sys
 from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments, skill_output
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.skills import read_skill_files, unknown_names
+from flexbt_tools.skills import read_skill_files, unknown_names, unreached_ports
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +25,8 @@ def run(options: argparse.Namespace) -> ExitCode:
     base = arguments.skill_library([], known)
     library = read_skill_files(options.files, base)
     skill_output.show(skill_output.chosen(library, options), options)
+    for line in unreached_ports(library, base, known):
+        print(one_line(f'note: {line}'), file=sys.stderr)
     doubtful = list(unknown_names(library, base, known))
     for line in doubtful:
         print(one_line(f'warning: {line}'), file=sys.stderr)
