@@ -53,7 +53,7 @@ def operate() -> str:
         time.sleep(1.0)  # a key that comes at once is not taken for an answer
         tmux('send-keys', '1')
         tmux('send-keys', 'Enter')
-        wait_for(r'x [3-9]\.\d+ m .*plan')
+        wait_for(r'x [3-9]\.\d+ y .*plan')
         return tmux('capture-pane', '-e', '-N', '-p')
     finally:
         tmux('send-keys', 'q')
