@@ -52,6 +52,7 @@ from flexbt_console.mirror import (
     Structure,
     TreeNode,
 )
+from flexbt_console.ui.interaction import Attention
 from flexbt_console.ui.screen import OperatorScreen
 from flexbt_console.ui.web import Access, Station, WebServer, serving
 from flexbt_core.clock import ManualClock
@@ -191,10 +192,10 @@ async def with_screen(robot: Robot, count: int, look: int, note: Callable[[int],
 async def with_page(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
     """A page at the server."""
     robot.step()
-    access = Access()
+    access, attention = Access(), Attention(ManualClock())
 
     def station(mirror: Mirror, link: Any) -> Station:
-        return Station(mirror, link, robot.make, 5.0)
+        return Station(mirror, link, robot.make, 5.0, attention)
 
     server = WebServer(Robots(robot), station, access)
     async with serving(server.application(), access.address, 0) as port, ClientSession() as session:

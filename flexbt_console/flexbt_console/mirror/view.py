@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from .command_tracker import TrackedCommand
 from .freshness import LinkState
@@ -64,10 +64,14 @@ class View:
 
     @property
     def running_trees(self) -> list[TreeRun]:
-        """The trees that run for the active states, in their order, or all that run when no state names its own."""
+        """The trees that run for the active states, in their order, or all that run when no state names its own.
+
+        They go by the clock that the executive goes by: its status says what time it is while nothing changes in them.
+        """
         named = [state.tree_run_id for state in self.snapshot.active_states] if self.snapshot else []
-        by_state = [run for run_id in named if run_id for run in self.trees if run.run_id == run_id and run.is_running]
-        return by_state or [run for run in self.trees if run.is_running]
+        now = self.snapshot.stamp if self.snapshot else 0.0
+        running = [replace(run, stamp=max(run.stamp, now)) for run in self.trees if run.is_running]
+        return [run for run_id in named if run_id for run in running if run.run_id == run_id] or running
 
     @property
     def decisions(self) -> tuple[Decision, ...]:

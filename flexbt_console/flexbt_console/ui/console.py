@@ -177,13 +177,16 @@ def _run_web(line: CommandLine) -> ExitCode:
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
     from flexbt_console.link import SimulatorLink
 
+    from .interaction import Attention
+
     access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
     with _open_runtime(line) as runtime:
         operator, simulator = _operator(line), SimulatorLink(runtime)
+        attention = Attention(runtime.steady)
 
         def station(mirror: Mirror, link: Link) -> Station:
-            return Station(mirror, link, CommandBuilder(operator), _timeout(line), simulator)
+            return Station(mirror, link, CommandBuilder(operator), _timeout(line), attention, simulator)
 
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
         run_web(server.application(), access, _port(line), print_address)

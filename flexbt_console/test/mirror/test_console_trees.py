@@ -5,7 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexbt_console.mirror import NodeKind, NodeStatus, StatusChange, TreeNode, Trees
+from flexbt_console.mirror import (
+    ActiveState,
+    LinkState,
+    NodeKind,
+    NodeStatus,
+    Snapshot,
+    StatusChange,
+    TreeNode,
+    Trees,
+    View,
+)
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 TRUNK = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'reach', 'ReachGoal', kind=NodeKind.ACTION)]
@@ -40,6 +50,17 @@ def test_a_run_with_other_nodes_keeps_what_is_known_of_those_that_it_has_still()
     assert run.running_leaves == (3,) and run.seconds(2) == 2.0
     structure(trees, 1, FIRST)  # late
     assert trees.runs()[0].nodes == tuple(SECOND)
+
+
+def test_the_time_of_a_leaf_goes_on_while_nothing_changes_in_its_tree() -> None:
+    trees = Trees()
+    structure(trees, 1, FIRST)
+    status(trees, 1, 1, [RUNNING, RUNNING, SUCCESS], 1, 2)
+    state = ActiveState('/S', 0.0, tree_run_id=trees.runs()[0].run_id)
+    for named in ((state,), ()):
+        snapshot = Snapshot('e', 1, stamp=9.0, active_states=named)
+        (run,) = View(LinkState.LIVE, 0.0, snapshot=snapshot, trees=trees.runs()).running_trees
+        assert run.seconds(2) == 9.0 - trees.runs()[0].since[1]
 
 
 def test_statuses_of_nodes_that_are_not_known_yet_are_shown_on_no_others() -> None:

@@ -178,11 +178,14 @@ def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
 def test_everything_can_be_done_by_keys(browser: Browser) -> None:
     robot = WebRobot()
     robot.show(PLAN)
-    with served({'robot': robot.station()}) as port:
+    station, touched = robot.station(), []
+    station.attention.touched = lambda view, decision: touched.append(decision)  # type: ignore[method-assign]
+    with served({'robot': station}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
         browser.until(lambda: browser.run('return document.querySelector("[data-choice]") !== null'))
         browser.press('2')
+        browser.until(lambda: touched == [PLAN.id])  # from now on it counts as dealt with
         pressed = 'return document.querySelector("[data-choice=failed]").getAttribute("aria-pressed")'
         browser.until(lambda: browser.run(pressed) == 'true')
         browser.press(Keys.ENTER)

@@ -116,6 +116,23 @@ def test_everything_of_now_is_told() -> None:
     with_page(robot, look)
 
 
+def test_an_answer_tells_why_the_decision_has_waited() -> None:
+    robot = WebRobot()
+    robot.show(PLAN, OTHER)
+
+    async def steps(opened: Page) -> None:
+        await opened.until(lambda: 'decisions' in opened.parts)
+        for decision, seconds in ((OTHER.id, 3.0), (PLAN.id, 2.0)):
+            await opened.socket.send_json({'touched': True, 'decision': decision})
+            await opened.ask(do='nonsense')  # so that it was heard
+            robot.clock.advance(seconds)
+        robot.show(PLAN, OTHER)
+        assert 'applied' in await opened.ask(answer='done', decision=PLAN.id)
+        assert (robot.sent[0].wait_queue, robot.sent[0].wait_interaction) == (3.0, 2.0)
+
+    with_page(robot, steps)
+
+
 def test_a_stop_waits_for_no_request_that_waits() -> None:
     robot, go_on = WebRobot(), threading.Event()
 

@@ -39,6 +39,7 @@ from flexbt_console.mirror import (
     TreeNode,
     UserdataScope,
 )
+from flexbt_console.ui.interaction import Attention
 from flexbt_console.ui.web import Access, Link, Station, WebServer, serving
 from flexbt_core.clock import ManualClock
 
@@ -146,7 +147,7 @@ class WebRobot(NobodyAsked):
 
     def station(self, obstacles: Any = None) -> Station:
         """What its page needs."""
-        return Station(self.mirror, self, CommandBuilder('ann'), 5.0, obstacles)
+        return Station(self.mirror, self, CommandBuilder('ann'), 5.0, Attention(self.clock), obstacles)
 
 
 class WebRobots:
@@ -181,7 +182,7 @@ class WebRobots:
     def station(self, mirror: Mirror, link: Link) -> Station:
         """What the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
-        return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0))
+        return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))
 
 
 @contextlib.contextmanager

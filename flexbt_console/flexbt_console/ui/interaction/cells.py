@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable
 
 
 def cut(text: str, cells: int) -> str:
@@ -45,7 +44,9 @@ def _fits(text: str, cells: int) -> bool:
     return len(_begin(text, cells)) == len(text)
 
 
-def _begin(text: Iterable[str], cells: int) -> str:
+def _begin(text: str, cells: int) -> str:
+    if text.isascii():
+        return text[: max(0, cells)]
     used, begin = 0, ''
     for character in text:
         used += _cells(character)

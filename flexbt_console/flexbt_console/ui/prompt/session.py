@@ -154,7 +154,7 @@ class Prompt:
     def _typed(self, text: str) -> None:
         """A key counts as dealing with the decision on the screen."""
         if text:
-            self._attention.touched(self._shown.shown or '')
+            self._attention.touched(self._mirror.view(), self._shown.shown)
         self._shown.typed(text)
 
     async def run(self) -> None:
@@ -294,7 +294,7 @@ class Prompt:
     def _refresh(self) -> None:
         self._refresh_planned = False
         view = self._mirror.view()
-        self._attention.pending([decision.id for decision in view.decisions])
+        self._attention.pending([view])
         self._do_held()
         if self._is_settled(view):
             self._tell(view)

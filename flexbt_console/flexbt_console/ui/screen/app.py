@@ -18,6 +18,7 @@ from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.suggester import Suggester
+from textual.timer import Timer
 from textual.widgets import Input
 
 from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
@@ -50,8 +51,8 @@ P = ParamSpec('P')
 REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
 
-AGE_SECONDS: Final = 0.5
-"""How often what time alone changes is looked at."""
+AGE_SECONDS: Final = 0.7
+"""How long after a drawing what time alone changes is looked at: longer than from one status to the next."""
 
 PLAY_SECONDS: Final = 0.1
 """From one picture of a recording that plays to the next."""
@@ -173,6 +174,7 @@ class OperatorScreen(App[None]):
         self._is_planned = False
         self._drawn_at = -math.inf
         self._zoomed = 0
+        self._ageing: Timer | None = None
         self._is_quitting = False
         self._line_bound = Bound(None)
 
@@ -199,7 +201,7 @@ class OperatorScreen(App[None]):
         self._follow(self._mirror)
         if self._robots is not None:
             self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
-        self.set_interval(AGE_SECONDS, self.draw)
+        self._ageing = self.set_interval(AGE_SECONDS, self.draw)
         if self._replay is not None:
             self.set_interval(PLAY_SECONDS, self._play_on)
         self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
@@ -236,12 +238,14 @@ class OperatorScreen(App[None]):
         """Draw what the mirror knows now; what has not changed is not drawn."""
         self._is_planned = False
         self._drawn_at = self._clock.now()
+        if self._ageing is not None:
+            self._ageing.reset()
         view = self._mirror.view()
         self._settle()
         self._picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []
         views = [one.view for one in self._overview] or [view]
-        self._attention.pending([decision.id for one in views for decision in one.decisions])
+        self._attention.pending(views)
         if self._map.lose(view):
             self.tell([Line('the question is gone; nothing was sent', Tone.WARNING)])
         if isinstance(self.screen, Overview):
@@ -399,8 +403,8 @@ class OperatorScreen(App[None]):
     async def on_event(self, event: events.Event) -> None:
         """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen."""
         if isinstance(event, events.Key):
-            decision = self._mirror.view().decision
-            self._attention.touched(decision.id if decision is not None else '')
+            view = self._mirror.view()
+            self._attention.touched(view, view.decision.id if view.decision is not None else None)
         await super().on_event(event)
 
     def _ask(self, meaning: Meaning) -> None:

@@ -122,6 +122,7 @@ class PageLink:
             parts['simulator'] = self._station.obstacles.is_possible()
             parts['obstacles'] = self._station.obstacles.dropped
         robots = self._fleet.overview()
+        self._station.attention.pending([view, *(one.view for one in robots)])
         parts['robots'] = robot_lines(robots)
         parts['others'] = other_robots(self._robot, view, robots)
         run = view.snapshot.run_id if view.snapshot else None

@@ -97,18 +97,24 @@ def carry_out(message: dict[str, Any], station: Station, left: Future[None]) -> 
     decision_id = message.get('decision')
     if decision_id is not None and not isinstance(decision_id, str):
         raise UsageError('"decision" is the identifier of a decision, or null')
+    if message.keys() == {'touched', 'decision'}:
+        station.attention.touched(view, decision_id)
+        return Answer()
     if 'answer' in message:
         decision = Bound(decision_id).decision(view)
         return _done(choose(_text(message, 'answer'), view, station.make, decision), station, left)
     if 'do' in message:
         return _done(interpret(_text(message, 'do'), view, station.make, Bound(decision_id)), station, left)
-    raise UsageError('the message asks for nothing that is known: do, answer, complete, obstacle, remove_obstacle')
+    raise UsageError(
+        'the message asks for nothing that is known: do, answer, touched, complete, obstacle, remove_obstacle'
+    )
 
 
 def _done(meaning: Meaning, station: Station, left: Future[None]) -> Answer | Later:
     if meaning.command is not None:
-        station.link.send(meaning.command, station.timeout, meaning.label)
-        return Answer(meaning.command)
+        command = station.attention.measured(meaning.command)
+        station.link.send(command, station.timeout, meaning.label)
+        return Answer(command)
     spec = meaning.line.spec if meaning.line is not None else None
     if meaning.local is Local.QUIT:
         return Answer(lines=(LEAVING,))

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from flexbt_console.commands import AskedRobot, CommandBuilder
 from flexbt_console.mirror import Command, Fleet, Mirror
+from flexbt_console.ui.interaction import Attention
 
 
 class Link(AskedRobot, Protocol):
@@ -36,12 +37,16 @@ class Obstacles(Protocol):
 
 @dataclass(frozen=True)
 class Station:
-    """A robot as its operator has it; ``timeout`` is in seconds, for each answer."""
+    """A robot as its operator has it; ``timeout`` is in seconds, for each answer.
+
+    ``attention`` is what its operator deals with: one for all robots of that operator.
+    """
 
     mirror: Mirror
     link: Link
     make: CommandBuilder
     timeout: float
+    attention: Attention
     obstacles: Obstacles | None = None
 
 

@@ -34,6 +34,13 @@ let mapDecision = null;
 let dropping = false;
 const commands = new Commands({send, tell, bar, now: () => known});
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
+// What the operator deals with, for the wait times of the report: from the first key or click while it is on the page.
+let touched;
+for (const kind of ['keydown', 'pointerdown']) {
+  addEventListener(kind, () => {
+    if (bar.id !== touched && isLive() && send({touched: true, decision: bar.id})) touched = bar.id;
+  }, {capture: true});
+}
 byId('robot').addEventListener('change', (event) => { goTo(event.target.value); });
 
 function goTo(robot) {
@@ -204,6 +211,7 @@ function takeParts(parts) {
 function takeMessage(message) {
   if (message.hello) {
     known.robot = message.hello.robot;
+    touched = undefined;
     commands.specs = message.hello.commands;
     byId('log').replaceChildren();
   } else if (message.drawing) {
