@@ -356,7 +356,8 @@ class _Walk:
         if view is not None:
             self._text.append(view(one))
         elif name in kind.seen:
-            self._quietly(self._encode, value)
+            if type(value) not in _PLAIN:
+                self._quietly(self._encode, value)
         else:
             self._encode(value)
 

@@ -20,7 +20,7 @@ from flexbt_core.monitors import Property, Violation
 from .choices import Choices
 from .configuration import Configuration
 from .graph import Graph
-from .model import Answer, Counterexample, Label, Move, Report, System
+from .model import Answer, Counterexample, Label, Move, Report, System, livelock
 
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000
@@ -44,7 +44,8 @@ class Progress(NamedTuple):
 
 @dataclass
 class Limits:
-    """When an exploration ends although there is more: after ``seconds``, or with so many configurations."""
+    """When an exploration ends although there is more: after ``seconds`` of processor time, so that what is followed
+    does not depend on what else the machine does, or with so many configurations."""
 
     seconds: float = DEFAULT_SECONDS
     configurations: int = DEFAULT_CONFIGURATIONS
@@ -93,8 +94,10 @@ class _Exploration:
         self._graph = Graph()
         self._found = _Found()
         self._steps = 0
+        self._written: dict[str, frozenset[str]] = {}
         self._checked = 0
-        self._begin = self._told = time.monotonic()
+        self._begin = time.process_time()
+        self._told = time.monotonic()
         self._stopped_by = ''
         self._cut = False
 
@@ -111,8 +114,9 @@ class _Exploration:
             _, configuration = ahead.popleft()
             self._tell(len(ahead))
             self._system.restore(configuration)
-            for label, answer in [(label, self._system.answer(label)) for label in self._system.labels()]:
-                for new in self._follow(configuration, label, answer):
+            system = self._system
+            for label, answer, is_due in [(one, system.answer(one), system.is_due(one)) for one in system.labels()]:
+                for new in self._follow(configuration, label, answer, is_due):
                     ahead.append((new.key, new))
             expanded += 1
             if expanded % _CHECKED == _CHECKED // 10:
@@ -125,7 +129,9 @@ class _Exploration:
                 graph.unfinished.update(waiting for waiting, _ in ahead)
                 return
 
-    def _follow(self, configuration: Configuration, label: Label, answer: Answer | None) -> list[Configuration]:
+    def _follow(
+        self, configuration: Configuration, label: Label, answer: Answer | None, is_due: bool
+    ) -> list[Configuration]:
         """All steps from a configuration with a label, which is ``answer``; the configurations that are new by that."""
         found: list[Configuration] = []
         system, graph = self._system, self._graph
@@ -152,6 +158,11 @@ class _Exploration:
             for violation in violations:
                 self._note(violation, (*graph.way_to(configuration.key), move))
             reached = system.capture()
+            if system.ended is not None:
+                known = self._written.get(system.ended)
+                self._written[system.ended] = system.written if known is None else known & system.written
+            if is_due and not violations and system.ended is None:
+                graph.add_turn(configuration.key, reached.key, move)
             if graph.add(reached.key, configuration.key, move, answer):
                 self._describe(reached.key)
                 # What is wrong once is not followed: all that comes after it would be wrong, too.
@@ -162,7 +173,7 @@ class _Exploration:
         return found
 
     def _is_late(self) -> bool:
-        return time.monotonic() - self._begin > self._limits.seconds
+        return time.process_time() - self._begin > self._limits.seconds
 
     def _describe(self, key: bytes) -> None:
         system = self._system
@@ -178,10 +189,7 @@ class _Exploration:
 
     def _check_restore(self, configuration: Configuration) -> None:
         """Compare a configuration with what the steps from the beginning lead to."""
-        again = self._make()
-        for label, answers in self._graph.way_to(configuration.key):
-            again.step(label, Choices(answers))
-        if again.capture().key != configuration.key:
+        if self._at(self._graph.way_to(configuration.key)).capture().key != configuration.key:
             way = '; '.join(str(move.label) for move in self._graph.way_to(configuration.key))
             raise RestoreError(
                 f'after "{way}" the engine is not where it was: something is remembered that is not kept'
@@ -192,7 +200,7 @@ class _Exploration:
         now = time.monotonic()
         if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
             self._told = now
-            self._on_progress(Progress(len(self._graph), waiting, self._steps, now - self._begin))
+            self._on_progress(Progress(len(self._graph), waiting, self._steps, time.process_time() - self._begin))
 
     # -- what it means -----------------------------------------------------------------------------------------------
 
@@ -209,6 +217,9 @@ class _Exploration:
         notes: list[str] = []
         if self._cut:
             notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
+        turn = graph.round()
+        if turn is not None:
+            self._note(livelock(self._at(turn)), turn)
         for violation, moves in graph.problems(self._position, self._faults):
             self._note(violation, moves)
         for violation, moves in graph.lost(system.requirements.possible, self._position):
@@ -218,10 +229,12 @@ class _Exploration:
         for missing in sorted(system.promised() - system.covered()) if is_known else ():
             text = f'"{missing}" can never be reached: nothing that can happen leads to it'
             self._note(Violation(Property.REACHABLE, missing, text), ())
+        for violation in system.idle() if is_known else ():
+            self._note(violation, ())
         for found, count in self._found.counts.items():
             if count > _ALIKE:
                 notes.append(f'{count - _ALIKE} more of "{found.value}"')
-        if not self._stopped_by and not any(ended for ended in graph.ended.values()):
+        if not self._stopped_by and not graph.can_end_by_itself():
             notes.append('it never ends by itself; only a stop ends it')
         unlimited = graph.unlimited()
         if unlimited:
@@ -236,7 +249,7 @@ class _Exploration:
             configurations=len(graph),
             steps=self._steps,
             depth=graph.depth,
-            seconds=time.monotonic() - self._begin,
+            seconds=time.process_time() - self._begin,
             counterexamples=tuple(
                 Counterexample(violation, moves, tuple(self.tell(moves)))
                 for violation, moves in self._found.violations.items()
@@ -247,6 +260,7 @@ class _Exploration:
             coverable=len(system.coverable()),
             uncovered=uncovered,
             checked_restores=self._checked,
+            written=self._written,
             make=self._make,
         )
 
@@ -258,11 +272,14 @@ class _Exploration:
         """The way in words, replayed on a new system."""
         return narrate(self._make, moves)
 
-    def _position(self, moves: tuple[Move, ...]) -> str:
+    def _at(self, moves: tuple[Move, ...]) -> System:
         system = self._make()
         for label, answers in moves:
             system.step(label, Choices(answers))
-        return system.position()
+        return system
+
+    def _position(self, moves: tuple[Move, ...]) -> str:
+        return self._at(moves).position()
 
 
 class Moment(NamedTuple):
@@ -284,11 +301,26 @@ class Moment(NamedTuple):
 
 
 def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
-    """Make the steps of a way on a new system, one by one."""
+    """Make the steps of a way on a new system, one by one.
+
+    Nothing more when the way is closed: a step of it cannot happen any more, or asks for something else.
+    """
     system = make()
+    met: set[bytes] = set()  # since time has gone by, or something has come from outside
     for label, answers in moves:
+        if label not in system.labels():
+            return
         choices = Choices(answers)
-        violations = system.step(label, choices)
+        if system.is_due(label):
+            met.add(system.capture().key)
+        else:
+            met.clear()
+        try:
+            violations = system.step(label, choices)
+        except IndexError:
+            return
+        if met and system.ended is None and system.capture().key in met:
+            violations.append(livelock(system))
         yield Moment(system, label, ', '.join(str(one) for one in choices.made), violations)
 
 
@@ -305,15 +337,6 @@ def narrate(make: Callable[[], System], moves: tuple[Move, ...]) -> list[str]:
 def replay(make: Callable[[], System], moves: tuple[Move, ...]) -> list[Violation]:
     """What is wrong on a way, found by a new system that makes its steps; for tests.
 
-    Nothing when the way is closed: a step of it cannot happen any more, or asks for something else.
+    Nothing when the way is closed, as in :func:`walk`.
     """
-    system = make()
-    found: list[Violation] = []
-    for label, answers in moves:
-        if label not in system.labels():
-            return []
-        try:
-            found += system.step(label, Choices(answers))
-        except IndexError:
-            return []
-    return found
+    return [violation for moment in walk(make, moves) for violation in moment.violations]

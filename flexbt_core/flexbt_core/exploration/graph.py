@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations
 
@@ -37,6 +38,7 @@ class Graph:
         self._after: dict[bytes, dict[bytes, _Ways]] = {}
         self._servers: set[str] = set()
         self._leading: dict[str, set[bytes]] = {}
+        self._turns: dict[bytes, dict[bytes, Move]] = {}
 
     def __len__(self) -> int:
         return len(self._from)
@@ -105,6 +107,25 @@ class Graph:
                     text = f'when the server of {whose}, it goes on for ever from here: {where}; only a stop ends it'
                     yield Violation(Property.CAN_END, ', '.join(gone), text), way
 
+    def add_turn(self, source: bytes, key: bytes, move: Move) -> None:
+        """A step in which no time goes by, and nothing comes from outside."""
+        self._turns.setdefault(source, {}).setdefault(key, move)
+
+    def round(self) -> tuple[Move, ...] | None:
+        """The shortest way to, and once along, a round of such steps; None when there is none."""
+        for first in sorted(self._turns, key=lambda key: self._depths[key]):
+            ways: dict[bytes, tuple[Move, ...]] = {first: ()}
+            ahead = deque([first])
+            while ahead:
+                source = ahead.popleft()
+                for key, move in self._turns.get(source, {}).items():
+                    if key == first:
+                        return (*self.way_to(first), *ways[source], move)
+                    if key not in ways:
+                        ways[key] = (*ways[source], move)
+                        ahead.append(key)
+        return None
+
     def comes_about(self, event: str, source: bytes) -> None:
         """In a step from there, which is no stop, something comes about that is to stay possible."""
         self._leading.setdefault(event, set()).add(source)
@@ -148,6 +169,10 @@ class Graph:
         can_end = self._can_end(before, frozenset())
         return [one for one in sorted(self._servers) if can_end - self._can_end(before, frozenset(), silent=one)]
 
+    def can_end_by_itself(self) -> bool:
+        """Whether there is, or may be, a way from the beginning to an end without a stop."""
+        return self._first in self._can_end(self._before(), frozenset())
+
     def _shortest(self, keys: set[bytes], position: Callable[[tuple[Move, ...]], str]) -> tuple[tuple[Move, ...], str]:
         """The shortest way to one of them, and where that is. Of several as short: the one that was found first."""
         way = self.way_to(next(key for key in self._from if key in keys))
@@ -158,7 +183,7 @@ class Graph:
         return key in self.unfinished or key in self.broken
 
     def _is_stuck(self, key: bytes) -> bool:
-        if self.ended[key] is not None or key in self.waiting or self._open(key):
+        if self.ended[key] is not None or key in self.waiting or key in self._turns or self._open(key):
             return False
         return all(after == key or not ways for after, ways in self._after.get(key, {}).items())
 

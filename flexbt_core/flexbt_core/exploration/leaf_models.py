@@ -29,9 +29,11 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
+from flexbt_core.monitors import Violation
 from flexbt_core.skills import Skill
 
 from .choices import Choices
+from .leaf_skills import Facts, needs_of
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
 _NAV2: Final = f'{_ENGINE}nav2.'
@@ -81,6 +83,10 @@ _GATES: Final = {
     'SpeedController': LeafModel(LeafKind.GATE),
     'GoalUpdater': LeafModel(LeafKind.PASS),
 }
+LIMITERS: Final = frozenset(
+    ('RateController', *(id for id, model in _GATES.items() if model.kind is LeafKind.GATE and model.begins_first))
+)
+"""Decorators that let their child begin only so often, which makes a difference only where they are ticked again."""
 
 
 def leaf_model(definition: NodeDefinition) -> LeafModel:
@@ -113,16 +119,25 @@ class Environment:
     ``answers`` were given in the step that is under way.
     """
 
-    def __init__(self, values: Mapping[str, tuple[Any, ...]]) -> None:
+    def __init__(self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None]) -> None:
         self.open: dict[str, ModelAction] = {}
         self.canceling: dict[str, UnfinishedWork | None] = {}
         self.choices = Choices()
         self.events: list[str] = []
         self.answers: dict[str, int] = {}
         self.values = values
+        self.facts = Facts()
+        self.found = found
+
+    def asks(self) -> None:
+        """A step is under way: nothing was answered in it, and what was measured before may have changed."""
+        self.events = []
+        self.answers = {}
+        self.facts.measured.clear()
 
     def begin(self, action: ModelAction) -> None:
         """An action begins to work."""
+        self.facts.begins(action.path, action.needs, self.found)
         self.open[action.path] = action
         action.acts()
         self.events.append(f'{action.path} begins')
@@ -168,8 +183,9 @@ def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) 
 
 
 class _Model(LeafNode):
-    __slots__ = ('_path',)
+    __slots__ = ('_path', 'needs')
 
+    declared: ClassVar[Skill | None]
     model: ClassVar[LeafModel]
     needed: ClassVar[tuple[str, ...]]
     """Inputs that the real node reads."""
@@ -177,6 +193,8 @@ class _Model(LeafNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._path = super().path
+        self.needs = needs_of(self, self.declared, self.environment.facts.names)
+        self.environment.facts.need(self.needs)
 
     @property
     def path(self) -> str:
@@ -206,8 +224,9 @@ class _Model(LeafNode):
         return any(entry is None or entry.value is EMPTY for entry in entries)
 
     def write(self, status: NodeStatus) -> None:
-        """Write what the real node would with this result."""
+        """Write what the real node would with this result, which brings about what its skill says."""
         write_outputs(self, self.environment, status)
+        self.environment.facts.ends(self.path, self.needs, status)
 
     def answer(self) -> NodeStatus:
         """A result that the environment gives at once: the same one as long as no time goes by."""
@@ -226,6 +245,7 @@ class ModelInstant(_Model):
     def execute(self) -> NodeStatus:
         try:
             self.read()
+            self.environment.facts.begins(self.path, self.needs, self.environment.found)
             # A condition on something that is not there does not hold.
             status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
             self.write(status)
@@ -319,6 +339,7 @@ def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
         'ports': manifest.ports,
         'model': model,
         'skill': Skill.of(resources=sorted(model.resources)),
+        'declared': node_skill(manifest),
         'needed': needed,
     }
     base = _CLASSES[model.kind]

@@ -33,8 +33,10 @@ from flexbt_core.state_machine import (
     MachineDefinition,
     MachineRun,
     Severity,
+    UserData,
 )
-from flexbt_core.state_machine.engine import ContainerRun
+from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
+from flexbt_core.state_machine.model import Scope
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
@@ -97,10 +99,28 @@ _WIRED: Final = {
             *('_on_wake', '_stop_timeout', '_lock', 'monitor'),
         )
     ),
-    MachineEnvironment: frozenset(('choices', 'answers')),
+    MachineEnvironment: frozenset(('choices', 'answers', 'found')),
     MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
     Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', 'skill')),
+    LeafRun: frozenset(('_engine', 'definition', 'path', '_input_keys', '_output_keys')),
+    ContainerRun: frozenset(
+        (
+            '_engine',
+            'definition',
+            'path',
+            'region',
+            'runs_while_blocked',
+            'advance',
+            '_only_region',
+            '_inputs',
+            '_outputs',
+        )
+    ),
+    Region: frozenset(('_engine', 'path', 'container')),
+    HaltWait: frozenset(('timeout', '_steady', '_wake')),
+    Scope: frozenset(('_inputs', '_outputs')),
+    UserData: frozenset(('_inputs', '_outputs', '_remap', '_owner')),
     EventState: frozenset(('outcomes', 'input_keys', 'output_keys', 'desired_rate')),
 }
 _UNSEEN: Final = {
@@ -135,7 +155,8 @@ class MachineSystem:
     ) -> None:
         self.clock = VirtualClock()
         self._bounds = bounds or Bounds()
-        self._environment = MachineEnvironment()
+        self._found: list[Violation] = []
+        self._environment = MachineEnvironment(self._note)
         self._written = [one for one in requirements if isinstance(one, Written)]
         defaults = dict.fromkeys((key for one in self._written for key in one.keys), _DEFAULT)
         shown = {key: defaults.get(key, value) for key, value in definition.defaults.items()}
@@ -145,7 +166,6 @@ class MachineSystem:
         self._counted = _Counted()
         self._monitor = MachineMonitor(declared_resources(self._definition), self._note, requirements)
         self._taken: set[str] = set()
-        self._found: list[Violation] = []
         self._events: list[str] = []
         given = {key: f'given:{key}' for key in definition.read_inputs}
         self.given = tuple(sorted(given))
@@ -198,6 +218,10 @@ class MachineSystem:
         return self._run.outcome
 
     @property
+    def written(self) -> frozenset[str]:
+        return frozenset()
+
+    @property
     def waits(self) -> str:
         asked = ', '.join(decision.path for decision in self._run.decisions)
         return asked or ('the operator, who has paused it' if self._run.is_paused else '')
@@ -234,6 +258,9 @@ class MachineSystem:
         if state is None or not state.model.server:
             return None
         return Answer(state.model.server, label.value in state.model.successes)
+
+    def is_due(self, label: Label) -> bool:
+        return label.kind == ALARM and self.clock.is_due(self._next_alarm())
 
     def _commands(self) -> list[Label]:
         run, bounds = self._run, self._bounds
@@ -331,6 +358,9 @@ class MachineSystem:
         if self._bounds.operator is Operator.NONE:
             return frozenset()
         return frozenset(f'/ > {outcome}' for outcome in self._definition.outcomes)
+
+    def idle(self) -> Sequence[Violation]:
+        return ()
 
     # -- what is at rest ---------------------------------------------------------------------------------------------
 

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
-from flexbt_core.monitors import Requirements, Violation
+from flexbt_core.monitors import Property, Requirements, Violation
 
 from .choices import Choices
 from .configuration import Configuration
@@ -78,6 +78,10 @@ class System(Protocol):
     def answer(self, label: Label) -> Answer | None:
         """What a label that is possible now tells of a server; None when it tells nothing."""
 
+    def is_due(self, label: Label) -> bool:
+        """Whether a label that is possible now is that of a time that has come already: none goes by, and nothing
+        comes from outside."""
+
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         """Let it happen, with all that follows at once; what is wrong with that."""
 
@@ -88,6 +92,10 @@ class System(Protocol):
     @property
     def ended(self) -> str | None:
         """How it has ended; None while it goes on."""
+
+    @property
+    def written(self) -> frozenset[str]:
+        """What it has handed to whoever comes after it, up to now: keys of the outermost blackboard."""
 
     @property
     def waits(self) -> str:
@@ -108,6 +116,16 @@ class System(Protocol):
     def promised(self) -> frozenset[str]:
         """What of these is wrong when it can never be taken."""
 
+    def idle(self) -> Iterable[Violation]:
+        """What has never made a difference, with all steps that were made on this object, and should."""
+
+
+def livelock(system: System) -> Violation:
+    """What is wrong when a system has come back to where it is, and no time has gone by."""
+    where = system.position()
+    text = f'it goes round without any time going by, and waits for nothing: {where}'
+    return Violation(Property.NO_LIVELOCK, where, text)
+
 
 @dataclass(frozen=True)
 class Counterexample:
@@ -124,7 +142,8 @@ class Report:
 
     ``is_complete``: everything that the bounds allow was followed; otherwise ``stopped_by`` says what ended it.
     ``bounds`` says of what it was all. ``ends`` are the ways to end that were found, ``uncovered`` what was never
-    taken. ``make`` makes the system anew, at its beginning.
+    taken. ``written`` are the keys that are written whenever it has ended so, by the ways to end. ``make`` makes the
+    system anew, at its beginning.
     """
 
     name: str
@@ -142,6 +161,7 @@ class Report:
     coverable: int
     uncovered: tuple[str, ...]
     checked_restores: int = 0
+    written: Mapping[str, frozenset[str]] = field(default_factory=dict)
     make: Callable[[], System] | None = field(default=None, compare=False, repr=False)
 
     @property

@@ -8,12 +8,13 @@ is asked as the real one asks it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Final
 
+from flexbt_core.monitors import Property, Violation
 from flexbt_core.skills import OutcomeClass, Skill
 from flexbt_core.state_machine import (
     EventState,
@@ -44,6 +45,7 @@ class StateModel:
     ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
     it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
     ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
+    ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome.
     ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does.
     """
 
@@ -55,6 +57,8 @@ class StateModel:
     suggestion: str | None = None
     server: str = ''
     successes: frozenset[str] = frozenset()
+    reads: frozenset[str] = frozenset()
+    writes: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
 
 StateModels = Callable[[StateDefinition], StateModel]
@@ -85,13 +89,15 @@ class MachineEnvironment:
     """What the models have in common: what is active, and the answers of the step that is under way.
 
     ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
-    ``overdue`` are those for which nobody waits any more.
+    ``overdue`` are those for which nobody waits any more. ``board`` is what is on the blackboards of trees.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, found: Callable[[Violation], None]) -> None:
         self.active: dict[str, ModelState] = {}
         self.ending: dict[str, ModelState] = {}
         self.overdue: set[str] = set()
+        self.board: set[str] = set()
+        self.found = found
         self.choices = Choices()
         self.answers: dict[str, int] = {}
 
@@ -124,6 +130,9 @@ class ModelState(EventState):
         self.result = None
         for key in self.input_keys:
             userdata[key]
+        for key in sorted(self.model.reads - self.environment.board):
+            text = f'{self.own_path} begins, and its tree reads {key}, which nothing has written on this way'
+            self.environment.found(Violation(Property.DATA, self.own_path, text))
         if self.model.kind is StateKind.DECISION:
             self.ask('', self.model.suggestion)
         else:
@@ -136,6 +145,8 @@ class ModelState(EventState):
         if outcome is not None and outcome not in self.model.not_written:
             for key in self.output_keys:
                 userdata[key] = 'value'
+        if outcome is not None:
+            self.environment.board.update(self.model.writes.get(outcome, ()))
         return outcome
 
     def _answer(self) -> str:

@@ -23,12 +23,13 @@ from flexbt_core.behavior_tree import (
     UnfinishedWork,
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, IDLE, RUNNING, SUCCESS, Entry
+from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry
 from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .leaf_models import (
+    LIMITERS,
     Environment,
     LeafModels,
     ModelAction,
@@ -39,6 +40,7 @@ from .leaf_models import (
     substitute,
     tested_values,
 )
+from .leaf_skills import Facts
 from .model import START, STOP, Answer, Label
 from .virtual_time import VirtualClock
 
@@ -80,7 +82,10 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'answers')),
+        Environment: frozenset(('values', 'choices', 'events', 'answers', 'found')),
+        Facts: frozenset(('_needed', 'measured', 'names')),
+        ModelAction: frozenset(('needs', '_path')),
+        ModelInstant: frozenset(('needs', '_path')),
         TreeMonitor: frozenset(
             ('_found', '_tree', '_nodes', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
         ),
@@ -88,7 +93,7 @@ TREE_LAYOUT: Final = Layout(
         Tree: frozenset(
             (
                 *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
-                *('_after_round', '_entry', '_max_rounds'),
+                *('_after_round', '_entry', '_max_rounds', '_trunk', '_expanded', '_on_expanded'),
             )
         ),
     },
@@ -123,8 +128,8 @@ class TreeSystem:
 
     ``models`` says what stands for a node. ``given`` are keys that are on the blackboard from the beginning; so are
     those that something reads and nothing in the tree writes. ``stops``: whether it may be canceled at any time.
-    ``requirements`` are checked after each tick. With ``reduces``, keys that nothing reads do not tell situations
-    apart.
+    ``requirements`` are checked after each tick. ``observed`` are keys that others read, after its end. With
+    ``reduces``, keys that nothing reads do not tell situations apart.
     """
 
     def __init__(
@@ -136,6 +141,7 @@ class TreeSystem:
         given: Iterable[str] = (),
         stops: bool = True,
         requirements: Iterable[Requirement] = (),
+        observed: Iterable[str] = (),
         reduces: bool = True,
     ) -> None:
         """Raises TreeLoadError or LookupError, as Tree does."""
@@ -143,10 +149,11 @@ class TreeSystem:
         self._stops = stops
         self._found: list[Violation] = []
         monitor = self._monitor = TreeMonitor(self._found.append, requirements)
-        board = Blackboard()
+        board = self._board = Blackboard()
         scripts = list(_scripts(library))
-        self._environment = Environment(tested_values(scripts))
+        self._environment = Environment(tested_values(scripts), self._found.append)
         self._ticked: set[int] = set()
+        self._observed = frozenset(observed)
         self._tree = Tree(
             library,
             key.id,
@@ -158,6 +165,8 @@ class TreeSystem:
             max_rounds=_ROUNDS,
         )
         self._tree.observe(self._note_status)
+        self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
+        self._withheld: set[int] = set()
         monitor.begins(self._tree)
         self.given = self._give(set(given), scripts)
         self._run = _Run()
@@ -183,7 +192,7 @@ class TreeSystem:
         known = (isinstance(node, _MODELS) or type(node).__module__.startswith(_OURS) for node in self._tree.nodes)
         if not all(known):
             return []
-        names = set(_NAME.findall(' '.join(scripts)))
+        names = self._observed.union(_NAME.findall(' '.join(scripts)))
         boards = [subtree.blackboard for subtree in self._tree.subtrees]
         entries = [(key, entry) for board in boards for key, entry in board._entries.items()]
         read = {id(entry) for key, entry in entries if key in names} | {
@@ -197,6 +206,7 @@ class TreeSystem:
     def _give(self, given: set[str], scripts: list[str]) -> tuple[str, ...]:
         """Write what is there from the beginning; the keys."""
         read: dict[int, tuple[str, Any]] = {}
+        needed: set[int] = set()
         written: set[int] = set()
         assigned = {name for script in scripts for name in _ASSIGNED.findall(script)}
         for node in self._tree.nodes:
@@ -207,14 +217,18 @@ class TreeSystem:
                     continue
                 if port.readable:
                     read.setdefault(id(entry), (value.key.removeprefix('@'), entry))
+                    if port.required or port.default is not NO_DEFAULT:
+                        needed.add(id(entry))
                 if port.writable or value.key in assigned:
                     written.add(id(entry))
         found = []
         for at, (key, entry) in read.items():
             if entry.value is EMPTY and (at not in written or key in given):
                 entry.write(some_value(entry.type))
-                found.append(key)
-        return tuple(sorted(set(found)))
+                found.append((key, at in needed))
+        self.needed = frozenset(key for key, is_needed in found if is_needed)
+        """Those of ``given`` without which a node fails."""
+        return tuple(sorted({key for key, _ in found}))
 
     @property
     def tree(self) -> Tree:
@@ -228,7 +242,8 @@ class TreeSystem:
         if self._run.result is None:
             return configuration
         # Nothing follows any more, but that what was canceled ends.
-        rest = marshal.dumps((self._run.result, sorted(self._environment.canceling)), 2)
+        kept = (self._run.result, sorted(self._environment.canceling), sorted(self.written & self._observed))
+        rest = marshal.dumps(kept, 2)
         return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
 
     @property
@@ -246,6 +261,11 @@ class TreeSystem:
     @property
     def ended(self) -> str | None:
         return self._run.result if self._run.result is not None and not self._tree.unfinished else None
+
+    @property
+    def written(self) -> frozenset[str]:
+        entries = self._board._entries.items()
+        return frozenset(key for key, entry in entries if entry.value is not EMPTY and key not in self.given)
 
     @property
     def waits(self) -> str:
@@ -278,11 +298,13 @@ class TreeSystem:
             return None
         return Answer(self._environment.open[label.subject].server, label.value == SUCCESS.name)
 
+    def is_due(self, label: Label) -> bool:
+        return label.kind == ALARM and self.clock.is_due(self._next_alarm())
+
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         run, environment = self._run, self._environment
         environment.choices = choices
-        environment.events = []
-        environment.answers = {}
+        environment.asks()
         self._found.clear()
         if label.kind == STOP:
             self._halt('stopped')
@@ -306,7 +328,8 @@ class TreeSystem:
             return 'nothing was ticked yet'
         if self._run.result is not None:
             return f'the tree has ended: {self._run.result}'
-        return f'RUNNING: {", ".join(self._tree.active_nodes(leaves_only=True)) or "no leaf"}'
+        leaves = self._tree.active_nodes(leaves_only=True)
+        return f'RUNNING: {", ".join(leaves) or self._tree.active_nodes()[-1]}'
 
     def happened(self) -> Sequence[str]:
         return [*self._environment.events, self.position()]
@@ -320,6 +343,16 @@ class TreeSystem:
     def promised(self) -> frozenset[str]:
         """All nodes: one that nothing can ever tick is dead. The tree need not be able to fail, or to succeed."""
         return self.coverable()
+
+    def idle(self) -> Iterable[Violation]:
+        """The decorators that limit how often their child begins, and never kept it from that."""
+        for node in self._limiters:
+            if node.uid not in self._withheld:
+                text = (
+                    f'{node.path} never makes its child wait: it is not ticked again after the child has succeeded, '
+                    'so the child is done once'
+                )
+                yield Violation(Property.REACHABLE, node.path, text)
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
@@ -340,6 +373,9 @@ class TreeSystem:
             text = f'the tree wakes itself over and over ({_ROUNDS} ticks in a row) and waits for nothing'
             self._found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
         self._monitor.ticked(status)
+        for node in self._limiters:
+            if node.status is RUNNING and node.child.status is not RUNNING:
+                self._withheld.add(node.uid)
         if status is not RUNNING:
             environment.events.append(f'the tree ends: {status.name}')
             self._halt(status.name)

@@ -65,6 +65,10 @@ class VirtualClock:
         """When the first timer is due; None when there is none."""
         return min((one.when for one in self.timers if one.callback is not None), default=None)
 
+    def is_due(self, when: float | None) -> bool:
+        """Whether this time has come."""
+        return when is not None and when <= self.time
+
     def go_to(self, when: float) -> None:
         """Go on to a time, if it is not past, and call what is due by then, in order."""
         while True:

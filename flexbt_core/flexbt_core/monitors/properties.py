@@ -19,6 +19,7 @@ class Property(Enum):
     CAN_END = 'it can always still end'
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
+    PRECONDITION = 'a leaf begins only where what its skill needs holds'
     DATA = 'nothing is read before it is written'
     HALTED = 'a halt halts everything'
     NO_FAULT = 'no node and no state raises'

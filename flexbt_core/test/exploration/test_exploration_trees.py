@@ -16,10 +16,12 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     input_port,
     load_xml,
+    output_port,
 )
 from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
-from flexbt_core.skills import Skill
+from flexbt_core.skills import Predicate, Skill
 from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
 
 
@@ -39,6 +41,31 @@ class Follow(StandIn):
 class IsSafe(Condition):
     def tick(self) -> NodeStatus:
         raise AssertionError('a proof runs no real leaf')
+
+
+OPEN = Predicate('open', {'door': 'door'})
+
+
+class IsOpen(IsSafe):
+    skill = Skill.measuring(OPEN)
+    ports = {'door': input_port(STRING)}
+
+
+class Enter(StandIn):
+    """Needs an open door, and leaves it closed."""
+
+    skill = Skill.of(
+        parameters={'which': 'door'},
+        preconditions=['open(which)'],
+        outcomes={'SUCCESS': ['not open(which)']},
+        arguments={'door': '$which'},
+        predicates=[OPEN],
+    )
+    ports = {'door': input_port(STRING)}
+
+
+class Choose(StandIn):
+    ports = {'door': output_port(STRING)}
 
 
 class Forgetful(Control):
@@ -93,7 +120,8 @@ class Stalled(Control):
 
 def registry() -> NodeRegistry:
     found = builtin_registry()
-    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating):
+    register_nav2(found)
+    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating, IsOpen, Enter, Choose):
         found.register(kind.__name__, kind)
     return found
 
@@ -130,6 +158,22 @@ DEFECTS = {
         '<RetryUntilSuccessful num_attempts="-1"><IsSafe/></RetryUntilSuccessful>',
         Property.NO_LIVELOCK,
     ),
+    'no time goes by': (
+        '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="0"><IsSafe/></Delay></RetryUntilSuccessful>',
+        Property.NO_LIVELOCK,
+    ),
+    'inverted condition': (
+        '<Sequence><Inverter><IsOpen door="front"/></Inverter><Enter door="front"/></Sequence>',
+        Property.PRECONDITION,
+    ),
+    'needs what was undone': (
+        '<Sequence><Enter door="front"/><Turn/><Enter door="front"/></Sequence>',
+        Property.PRECONDITION,
+    ),
+    'begun once what is to be begun again': (
+        '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
+        Property.REACHABLE,
+    ),
     'lost wake-up': (
         '<Sequence><Drive/><Stalled><Turn/></Stalled></Sequence>',
         Property.NO_DEADLOCK,
@@ -158,6 +202,39 @@ def test_a_defect_is_found_and_replays(body: str, kind: Property) -> None:
     if kind.is_shown_by_a_way:  # the others are about what does not follow
         assert found.violation in replay(lambda: system(body), found.moves)
         assert not replay(lambda: system(body), found.moves[:-1])
+
+
+def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed() -> None:
+    sound = (
+        '<Enter door="front"/>',
+        '<Sequence><IsOpen door="front"/><Enter door="front"/></Sequence>',
+        '<Sequence><Inverter><IsOpen door="back"/></Inverter><Enter door="front"/></Sequence>',
+        '<Sequence><Inverter><IsOpen door="front"/></Inverter><Turn/><Enter door="front"/></Sequence>',
+        '<Sequence><Enter door="front"/><IsOpen door="front"/><Enter door="front"/></Sequence>',
+        '<Sequence><Choose door="{it}"/><Enter door="{it}"/><Choose door="{it}"/><Enter door="{it}"/></Sequence>',
+    )
+    for body in sound:
+        assert proved(body).holds, body
+    same = '<Sequence><Choose door="{it}"/><Enter door="{it}"/><Enter door="{it}"/></Sequence>'
+    (found,) = proved(same).counterexamples
+    assert found.violation.text == (
+        'Enter::4 begins, and its skill needs open(it): Enter::3 has brought about not open(it)'
+    )
+
+
+def test_a_limit_that_is_asked_again_makes_a_difference() -> None:
+    again = '<PipelineSequence><RateController hz="1.0"><Plan/></RateController><Drive/></PipelineSequence>'
+    assert proved(again).holds
+
+
+def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
+    def size(body: str) -> tuple[int, int]:
+        tree = system(body)
+        tree.step(Label('start'), Choices())
+        return len(tree.capture().parts), len(tree.tree.nodes)
+
+    (parts, nodes), (more_parts, more_nodes) = size(SOUND), size(f'<Sequence>{SOUND * 5}</Sequence>')
+    assert more_parts - parts < 1.5 * (more_nodes - nodes)
 
 
 def test_restored_configurations_are_what_the_steps_lead_to() -> None:

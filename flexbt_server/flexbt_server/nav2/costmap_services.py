@@ -19,11 +19,10 @@ from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, Servi
 from flexbt_server.trees import WAYPOINT_STATUSES
 
 from .interface_fields import set_ports
-from .motion_actions import count_recovery
+from .motion_actions import VALID, count_recovery
 from .path_tracking import yaw_of
 from .waypoint_statuses import SKIPPED, mark
 
-_VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid', {'path': '{$path}'}))
 _OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('CheckPoseOccupancy', {'pose': '{$pose}'}))
 
 _PLUGINS: Final = input_port(
@@ -106,7 +105,7 @@ class IsPathValid(ServiceLeaf):
     kind = NodeKind.CONDITION  # in Nav2 it blocks until the answer is there; here it is RUNNING
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
-    skill = Skill.measuring(_VALID)
+    skill = Skill.measuring(VALID)
     ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
 
     def make_request(self) -> Any:

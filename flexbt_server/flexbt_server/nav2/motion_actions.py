@@ -15,12 +15,15 @@ from flexbt_common.errors import TransformError
 from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
-from flexbt_core.skills import Skill
+from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, DURATION, PATH, ActionLeaf
 from flexbt_server.trees import RECOVERIES_KEY, TRACKING_FEEDBACK, TrackingFeedback
 
 from .interface_fields import set_ports
 from .path_tracking import PathTracker
+
+VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid', {'path': '{$path}'}))
+"""No pose of a path is in collision."""
 
 
 def count_recovery(board: Blackboard) -> None:
@@ -55,7 +58,7 @@ class FollowPath(ActionLeaf):
 
     action_type = action.FollowPath
     default_server = names.FOLLOW_PATH
-    skill = Skill.of(resources=[BASE])
+    skill = Skill.of(parameters={'path': 'path'}, preconditions=['valid(path)'], resources=[BASE], predicates=[VALID])
     ports = ACTION_PORTS | {
         'path': input_port(PATH, description='the path to follow'),
         'controller_id': input_port(STRING, optional=True, description='controller to use'),

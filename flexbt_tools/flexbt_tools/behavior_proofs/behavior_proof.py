@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import NodeRegistry, TreeKey
+from flexbt_core.behavior_tree import TreeKey
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.exploration import (
     Bounds,
     Limits,
@@ -17,7 +18,6 @@ from flexbt_core.exploration import (
     Operator,
     Progress,
     Report,
-    StateModels,
     Violation,
     explore,
     replay,
@@ -25,11 +25,12 @@ from flexbt_core.exploration import (
 from flexbt_core.monitors import Stated, machine_vocabulary, parse_requirement, problems_with
 from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
-from flexbt_tools.behaviors import UsedTrees, build, installed, used_trees
+from flexbt_tools.behaviors import UsedTrees, behavior_entry, build, used_trees
 from flexbt_tools.errors import UnfitError, UsageError
-from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree, told_requirements
-from flexbt_tools.trees import OpenRegistry
+from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree, replay_in, told_requirements
+from flexbt_tools.trees import OpenRegistry, read_models
 
+from .blackboards import Blackboards
 from .environment import state_models
 
 _SHARE_OF_TREES: Final = 0.8
@@ -62,25 +63,28 @@ def prove_behavior(
     configurations: int,
     required: Sequence[Stated] = (),
     required_of_trees: Mapping[str, Sequence[Stated]] = MappingProxyType({}),
+    given: Collection[str] = (),
     on_progress: Callable[[str, Progress], None] | None = None,
     kept: KeptProofs | None = None,
 ) -> BehaviorProof:
-    """Explore a behavior within ``seconds`` in all. What a tree does not use of its time, those after it may.
+    """Explore a behavior within ``seconds`` of processor time in all. What a tree does not use of its time, those after
+    it may.
 
     ``required`` is what holds of its machine beside what holds for all, ``required_of_trees`` of trees, by their IDs.
-    Of the trees, what is in ``kept`` is not explored again.
+    ``given`` are keys of blackboards that are there before. Of the trees, what is in ``kept`` is not explored again.
 
     Raises UnfitError when that is about what they do not have.
     """
     if problems := problems_with(required, machine_vocabulary(machine), name):
         raise UnfitError('\n'.join(problems))
     requirements = [one.requirement for one in required]
-    end = time.monotonic() + seconds
+    end = time.process_time() + seconds
+    boards = Blackboards.of(used, given)
     trees: dict[TreeKey, Report] = {}
     ahead = list(dict.fromkeys(use.key for use in used.uses if use.key is not None))
     for most in (_FIRST_SECONDS, seconds):  # most trees are small: what they do not need is for the others
         for number, key in enumerate(ahead):
-            share = _SHARE_OF_TREES * (end - time.monotonic()) / (len(ahead) - number)
+            share = _SHARE_OF_TREES * (end - time.process_time()) / (len(ahead) - number)
             limits = Limits(min(most, share), configurations)
             tell = _named(f'tree {key.id}', on_progress)
             trees[key] = prove_tree(
@@ -89,18 +93,19 @@ def prove_behavior(
                 limits=limits,
                 faults=bounds.faults,
                 required=required_of_trees.get(key.id, ()),
+                observed=boards.observed,
                 on_progress=tell,
                 kept=kept,
             )
         ahead = [key for key, report in trees.items() if report.stopped_by]
-    models = _models(used, trees)
+    models = state_models(used, trees, boards)
     without = ', '.join(use.path for use in used.uses if use.runs_unknown)
     unknown = f'; of the trees that these run nothing is known, any outcome is taken as possible: {without}'
     report = explore(
         lambda: MachineSystem(machine, models, bounds, requirements),
         f'machine of {name}',
         f'{bounds}{unknown if without else ""}{told_requirements(required)}',
-        Limits(max(0.0, end - time.monotonic()), configurations),
+        Limits(max(0.0, end - time.process_time()), configurations),
         _named('the machine', on_progress),
         faults=bounds.faults,
     )
@@ -111,31 +116,49 @@ def replay_behavior(
     name: str,
     moves: Iterable[Sequence[Any]],
     *,
+    tree: str = '',
     parameters: Sequence[tuple[str, str]] = (),
     operator: str = Operator.ANSWERS.value,
     forces: int = 0,
     faults: int = 1,
     autonomy: int = 1,
     require: Sequence[str] = (),
+    given: Sequence[str] = (),
+    trees: Sequence[str] = (),
+    models: Sequence[str] = (),
+    nav2_dialect: Dialect = DIALECTS[0],
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
-    Raises UsageError when the behavior cannot be built.
+    The way is one of the machine, or of the tree ``tree`` that it runs. ``name`` is that of an installed behavior, or
+    the file of a machine; ``trees`` are files that it does not load itself, ``models`` such that describe node types.
+
+    Raises UsageError when the behavior cannot be built, LookupError when it does not run this tree.
     """
-    (entry,) = installed([name])
-    built = build(entry, parameters)
-    if built.machine is None:
-        raise UsageError('\n'.join(built.problems))
-    machine = built.machine
-    registry: NodeRegistry = OpenRegistry(node_registry(lambda source, error: None))
-    models = _models(used_trees(machine, (), registry), {})
+    behavior = build(behavior_entry(name), parameters)
+    machine = behavior.machine
+    if machine is None:
+        raise UsageError('\n'.join(behavior.problems))
+    registry = node_registry(lambda source, error: None, nav2_dialect)
+    read_models(models, registry)
+    used = used_trees(machine, trees, OpenRegistry(registry))
+    if tree:
+        key = next((use.key for use in used.uses if use.key is not None and use.key.id == tree), None)
+        if key is None:
+            raise LookupError(f'{name} does not run a tree {tree!r}')
+        return replay_in(used.library, key, moves, require=require)
+    boards = Blackboards.of(used, given)
+    reports = {}
+    if boards.observed:  # what the trees have written is known of their proofs
+        kept = KeptProofs()
+        reports = {
+            key: prove_tree(used.library, key, faults=faults, observed=boards.observed, kept=kept)
+            for key in boards.needed
+        }
     bounds = Bounds(Operator(operator), forces, faults, autonomy)
     required = [parse_requirement(text, 'require').requirement for text in require]
-    return replay(lambda: MachineSystem(machine, models, bounds, required), moves_of(moves))
-
-
-def _models(used: UsedTrees, reports: dict[TreeKey, Report]) -> StateModels:
-    return state_models({use.path: use for use in used.uses}, reports, used.library)
+    states = state_models(used, reports, boards)
+    return replay(lambda: MachineSystem(machine, states, bounds, required), moves_of(moves))
 
 
 def _named(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from flexbt_core.behavior_tree import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import TreeKey
 from flexbt_core.exploration import (
     Report,
     StateKind,
@@ -16,14 +16,17 @@ from flexbt_core.exploration import (
 )
 from flexbt_core.state_machine import StateDefinition
 from flexbt_states import OperatorDecisionState
-from flexbt_tools.behaviors import TreeUse
+from flexbt_tools.behaviors import UsedTrees
 from flexbt_tools.tree_checks import tree_resources
 
+from .blackboards import Blackboards
 
-def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report], library: TreeLibrary) -> StateModels:
+
+def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Blackboards) -> StateModels:
     """What stands for the states of a behavior. Of one that runs a tree, what was found about the tree holds."""
 
-    resources = tree_resources(library)
+    resources = tree_resources(used.library)
+    uses = {use.path: use for use in used.uses}
 
     def model(definition: StateDefinition) -> StateModel:
         state = definition.state.unwrapped
@@ -31,13 +34,16 @@ def state_models(uses: Mapping[str, TreeUse], reports: Mapping[TreeKey, Report],
             return StateModel(StateKind.DECISION, suggestion=state.suggestion)
         found = state_model(definition)
         use = uses.get(definition.path)
-        key = None if use is None else use.key
-        if key is None:
+        if use is None:
             return found
-        report = reports.get(key)
+        report = None if use.key is None else reports.get(use.key)
+        writes = {outcome: boards.writes(use, found, outcome, report) for outcome in state.outcomes}
+        found = replace(found, reads=boards.reads(use), writes=writes)
+        if use.key is None:
+            return found
         outcomes = state.outcomes
         if report is not None and report.is_complete and 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
-        return replace(found, outcomes=outcomes, resources=frozenset(resources[key]), server='BT server')
+        return replace(found, outcomes=outcomes, resources=frozenset(resources[use.key]), server='BT server')
 
     return model

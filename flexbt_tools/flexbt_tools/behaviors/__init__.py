@@ -2,7 +2,7 @@
 """Behaviors without a robot: built but never run, checked together with the trees that they use, shown, drawn."""
 
 from .behavior_picture import graph_of
-from .built_behavior import BuiltBehavior, build, installed
+from .built_behavior import BuiltBehavior, behavior_entry, build, installed, machine_file
 from .check import check_behavior
 from .findings import REFUSED, RULES, Finding
 from .machine_text import machine_lines, structure_as_json
@@ -15,10 +15,12 @@ __all__ = [
     'Finding',
     'TreeUse',
     'UsedTrees',
+    'behavior_entry',
     'build',
     'check_behavior',
     'graph_of',
     'installed',
+    'machine_file',
     'machine_lines',
     'structure_as_json',
     'used_trees',

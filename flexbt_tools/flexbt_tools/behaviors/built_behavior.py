@@ -6,11 +6,17 @@ from __future__ import annotations
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 from flexbt_core.state_machine import MachineDefinition, MachineError
-from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, building, definition_of
+from flexbt_onboard.behaviors import BehaviorEntry, BehaviorLibrary, building, definition_of, machine_entry
 from flexbt_onboard.errors import OnboardError
 from flexbt_tools.errors import UsageError
+from flexbt_tools.text_files import read_text
+
+_MAX_BYTES: Final = 4_000_000
+"""Of the file of a machine."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,21 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
         frame = traceback.extract_tb(error.__traceback__)[-1]
         text = f'create() raised {type(error).__name__}: {error} ({frame.filename}:{frame.lineno})'
         return BuiltBehavior(entry.name, None, [text])
+
+
+def machine_file(name: str) -> Path | None:
+    """The file of a machine that is meant instead of an installed behavior."""
+    file = Path(name)
+    return file if file.suffix in ('.yaml', '.yml') else None
+
+
+def behavior_entry(name: str) -> BehaviorEntry:
+    """The installed behavior of this name, or the machine in this file. Raises UsageError."""
+    file = machine_file(name)
+    if file is None:
+        (entry,) = installed([name])
+        return entry
+    return machine_entry(file.stem, read_text(name, _MAX_BYTES))
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:

@@ -7,13 +7,14 @@ import argparse
 import json
 import sys
 from collections.abc import Collection, Iterable, Sequence
-from typing import Final
+from typing import Any, Final
 
-from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Report
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
+from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Counterexample, Report
 from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
 from flexbt_core.values import one_line
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.proofs import KeptProofs, report_as_json, report_lines
+from flexbt_tools.proofs import File, KeptProofs, Replay, report_as_json, report_lines, saved_test
 from flexbt_tools.text_files import read_text, write_text
 
 from . import arguments
@@ -36,7 +37,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         type=arguments.positive,
         default=DEFAULT_SECONDS,
-        help='end after so many seconds, and tell what was followed (default: %(default)g)',
+        help='end after so many seconds of processor time, and tell what was followed (default: %(default)g)',
     )
     parser.add_argument(
         '--situations',
@@ -124,9 +125,18 @@ def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
         print(f'the recording is in {options.save_recording}: console replay shows it', file=sys.stderr)
 
 
-def save_test(options: argparse.Namespace, text: str) -> None:
+def node_settings(options: argparse.Namespace) -> dict[str, Any]:
+    """What :func:`arguments.add_node_types` has told, for a saved test."""
+    is_usual = options.nav2_dialect == DIALECTS[0]
+    return {
+        'models': [File(file) for file in options.models],
+        'nav2_dialect': '' if is_usual else options.nav2_dialect,
+    }
+
+
+def save_test(options: argparse.Namespace, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> None:
     """Write a test file. Raises UsageError."""
-    write_text(options.save_test, text)
+    write_text(options.save_test, saved_test(options.save_test, wrong))
     print(f'the test is in {options.save_test}', file=sys.stderr)
 
 

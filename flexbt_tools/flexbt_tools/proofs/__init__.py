@@ -6,20 +6,24 @@ from .model_proof import result_as_json, result_lines
 from .moves import moves_of
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
-from .saved_test import behavior_test, tree_test
-from .tree_proof import prove_tree, replay_tree, told_requirements
+from .saved_test import File, Replay, requirement_texts, saved_test
+from .tree_proof import GOALS, prove_tree, replay_in, replay_tree, told_requirements
 
 __all__ = [
+    'GOALS',
+    'File',
     'KeptProofs',
     'ProgressLine',
-    'behavior_test',
+    'Replay',
     'moves_of',
     'prove_tree',
+    'replay_in',
     'replay_tree',
     'report_as_json',
     'report_lines',
+    'requirement_texts',
     'result_as_json',
     'result_lines',
+    'saved_test',
     'told_requirements',
-    'tree_test',
 ]

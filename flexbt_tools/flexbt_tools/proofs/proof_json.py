@@ -23,6 +23,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
         'depth': report.depth,
         'seconds': round(report.seconds, 3),
         'ends': dict(report.ends),
+        'written': {name: sorted(keys) for name, keys in sorted(report.written.items())},
         'covered': report.covered,
         'coverable': report.coverable,
         'never': list(report.uncovered),
@@ -67,5 +68,6 @@ def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
         covered=plain['covered'],
         coverable=plain['coverable'],
         uncovered=tuple(plain['never']),
+        written={name: frozenset(keys) for name, keys in plain['written'].items()},
         make=make,
     )

@@ -15,6 +15,7 @@ _REMEDIES: Final = {
     Property.CAN_END: 'add a transition that leads out of there',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
+    Property.PRECONDITION: 'bring it about before, and look whether a condition is inverted, or the children swapped',
     Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',
     Property.RECOVERY: 'have what it waits for confirm a cancel, or end by a time limit',
     Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',

@@ -1,64 +1,81 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A counterexample as a test of pytest, which fails until what is wrong has been put right."""
+"""Counterexamples as tests of pytest, which fail until what is wrong has been put right."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
-from flexbt_core.exploration import Bounds, Counterexample
+from flexbt_core.exploration import Counterexample
 from flexbt_core.monitors import Stated
 from flexbt_core.values import one_line
 
 from .moves import plain_moves
 
-
-def tree_test(
-    files: Sequence[str],
-    tree: str,
-    found: Iterable[Counterexample],
-    given: Sequence[str] = (),
-    required: Sequence[Stated] = (),
-) -> str:
-    """The text of a test file for what was found about a tree."""
-    call = f'replay_tree({list(files)!r}, {tree!r}, moves, given={list(given)!r}{_require(required)})'
-    return _text('proofs', 'replay_tree', call, f'the tree {tree!r}', found)
+_BY_PACKAGE: Final = 'package://'
 
 
-def behavior_test(
-    name: str,
-    parameters: Sequence[tuple[str, str]],
-    bounds: Bounds,
-    found: Iterable[Counterexample],
-    required: Sequence[Stated] = (),
-) -> str:
-    """The text of a test file for what was found about the machine of a behavior."""
-    settings = (
-        f'parameters={list(parameters)!r}, operator={bounds.operator.value!r}, forces={bounds.forces}, '
-        f'faults={bounds.faults}, autonomy={bounds.autonomy}{_require(required)}'
-    )
-    call = f'replay_behavior({name!r}, moves, {settings})'
-    return _text('behavior_proofs', 'replay_behavior', call, f'the behavior {name!r}', found)
+class File(NamedTuple):
+    """A file that a test reads: found from the folder of the test, or by its package, wherever pytest is run."""
+
+    name: str
+
+    def expression(self, test: str) -> str:
+        """What stands for it in the text of a test that is in the file ``test``."""
+        if self.name.startswith(_BY_PACKAGE):
+            return repr(self.name)
+        relative = os.path.relpath(Path(self.name).resolve(), Path(test).resolve().parent)
+        return f'str(HERE / {relative!r})'
 
 
-def _require(required: Sequence[Stated]) -> str:
-    texts = [str(one.requirement) for one in required]
-    return f', require={texts!r}' if texts else ''
+class Replay(NamedTuple):
+    """What a test calls to make the steps of a way again: ``function`` of the room ``room`` of flexbt_tools, with
+    ``arguments`` before the moves, and ``settings`` after them that are not empty. ``what`` is for people."""
+
+    what: str
+    room: str
+    function: str
+    arguments: Sequence[Any]
+    settings: Mapping[str, Any]
+
+    def call(self, test: str) -> str:
+        """The call, as the text of a test that is in the file ``test``."""
+        before = [_expression(one, test) for one in self.arguments]
+        after = [f'{name}={_expression(value, test)}' for name, value in self.settings.items() if value not in ('', [])]
+        return f'{self.function}({", ".join([*before, "moves", *after])})'
 
 
-def _text(room: str, function: str, call: str, what: str, found: Iterable[Counterexample]) -> str:
-    lines = [f'"""What a proof has found wrong with {what}. Each test fails until that is put right."""', '']
-    lines += [f'from flexbt_tools.{room} import {function}', '']
-    for number, one in enumerate(found, start=1):
-        if not one.violation.property.is_shown_by_a_way:
-            lines += ['', f'# No steps show this, prove it again: {one_line(one.violation.text)}']
-            continue
-        lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
-        lines += ['    # ' + line for line in [one.violation.text, *one.lines]]
-        lines += ['    moves = [', *(f'        {_move(move)},' for move in plain_moves(one.moves)), '    ]']
-        lines += [f'    wrong = {call}', '    assert not wrong, wrong[0].text', '']
-    return '\n'.join(line.rstrip() for line in lines)
+def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
+    """The text of the file ``test`` for what was found wrong."""
+    found = list(wrong)
+    what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
+    imports = sorted({f'from flexbt_tools.{replay.room} import {replay.function}' for replay, _ in found})
+    lines = [f'"""What a proof has found wrong with {one_line(what)}. Each test fails until that is put right."""', '']
+    lines += ['from pathlib import Path', '', *imports, '', 'HERE = Path(__file__).resolve().parent', '']
+    number = 0
+    for replay, counterexamples in found:
+        for one in counterexamples:
+            number += 1
+            if not one.violation.property.is_shown_by_a_way:
+                lines += ['', f'# No steps show this, prove it again: {one_line(one.violation.text)}']
+                continue
+            lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
+            lines += [f'    # {one_line(line, 500)}' for line in (one.violation.text, *one.lines)]
+            lines += ['    moves = [', *(f'        {move!r},' for move in plain_moves(one.moves)), '    ]']
+            lines += [f'    wrong = {replay.call(test)}', '    assert not wrong, wrong[0].text', '']
+    return '\n'.join(line.rstrip() for line in lines) + '\n'
 
 
-def _move(move: list[Any]) -> str:
-    return repr(move)
+def requirement_texts(required: Iterable[Stated]) -> list[str]:
+    """What is required, as a test has it."""
+    return [str(one.requirement) for one in required]
+
+
+def _expression(value: Any, test: str) -> str:
+    if isinstance(value, File):
+        return value.expression(test)
+    if isinstance(value, list):
+        return f'[{", ".join(_expression(one, test) for one in value)}]'
+    return repr(value)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_core.behavior_tree import LoadError, NodeKind, NodeRegistry, TreeKey, TreeLibrary
-from flexbt_core.exploration import Limits, Move, Progress, Report, TreeSystem, Violation, explore, replay, servers_gone
+from flexbt_core.behavior_tree import LoadError, NodeKind, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.exploration import Limits, Progress, Report, TreeSystem, Violation, explore, replay, servers_gone
 from flexbt_core.monitors import Stated, parse_requirement, problems_with
 from flexbt_server.node_types import node_registry
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, references
+from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, read_models, references
 
 from .kept_proofs import NOTE, KeptProofs, digest_of
 from .moves import moves_of
@@ -30,11 +31,13 @@ def prove_tree(
     limits: Limits | None = None,
     faults: int = 1,
     required: Sequence[Stated] = (),
+    observed: Iterable[str] = (),
     on_progress: Callable[[Progress], None] | None = None,
     kept: KeptProofs | None = None,
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
-    servers may be gone for good, and ``required`` what holds beside what holds for all. What is in ``kept`` is not
+    servers may be gone for good, and ``required`` what holds beside what holds for all. ``observed`` are keys of which
+    the report tells whether they are written whenever the tree has ended. What is in ``kept`` is not
     explored again.
 
     A leaf whose type is not installed gives any result, and a note says so.
@@ -48,8 +51,9 @@ def prove_tree(
     unknown = _unknown_leaves(library, key)
 
     def make() -> TreeSystem:
-        return TreeSystem(library, key, given=keys, requirements=requirements)
+        return TreeSystem(library, key, given=keys, requirements=requirements, observed=looked_at)
 
+    looked_at = sorted(observed)
     requirements = [one.requirement for one in required]
     first = make()
     if problems := problems_with(required, first.vocabulary, f'tree {key.id}'):
@@ -58,7 +62,9 @@ def prove_tree(
     bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
     bounds += told_requirements(required)
-    digest = '' if kept is None else digest_of(library, key, [*keys, str(faults), *map(str, requirements)])
+    digest = (
+        '' if kept is None else digest_of(library, key, [*keys, str(faults), str(looked_at), *map(str, requirements)])
+    )
     known = None if kept is None else kept.get(digest, make)
     report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
     if kept is not None and known is None and report.is_complete:
@@ -109,17 +115,32 @@ def replay_tree(
     *,
     given: Iterable[str] = (),
     require: Sequence[str] = (),
+    models: Sequence[str] = (),
+    nav2_dialect: Dialect = DIALECTS[0],
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
-    Raises RefusedError or LookupError when there are no such files, or no such tree.
+    ``models`` are files that describe node types. Raises RefusedError or LookupError when there are no such files, or
+    no such tree.
     """
-    registry: NodeRegistry = OpenRegistry(node_registry(lambda source, error: None))
-    library = read_library(files, registry)
+    registry = node_registry(lambda source, error: None, nav2_dialect)
+    read_models(models, registry)
+    library = read_library(files, OpenRegistry(registry))
     key = library.find(tree)
     if key is None:
         raise LookupError(f'there is no tree {tree!r} in {", ".join(files)}')
+    return replay_in(library, key, moves, given=given, require=require)
+
+
+def replay_in(
+    library: TreeLibrary,
+    key: TreeKey,
+    moves: Iterable[Sequence[Any]],
+    *,
+    given: Iterable[str] = (),
+    require: Sequence[str] = (),
+) -> list[Violation]:
+    """As :func:`replay_tree`, of a library that was read."""
     keys = (*GOALS, *given)
-    way: tuple[Move, ...] = moves_of(moves)
     required = [parse_requirement(text, 'require').requirement for text in require]
-    return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), way)
+    return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), moves_of(moves))

@@ -22,22 +22,26 @@ from .stand_ins import OpenRegistry, add_models
 STDIN: Final = '-'
 """Stands for the standard input as a file."""
 
+_BY_PACKAGE: Final = 'package://'
+
 _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
 
 
 def read_library(
     files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
 ) -> TreeLibrary:
-    """The files as one library; ``texts`` has the contents of those that are no files. With an OpenRegistry node types
+    """The files as one library, by their paths or as ``package://PACKAGE/PATH``; ``texts`` has the contents of those
+    that are no files. With an OpenRegistry node types
     may be unknown.
 
     Raises RefusedError with all errors of all files; then also with references that lead nowhere.
     """
     documents: list[TreeDocument] = []
     errors: list[LoadError] = []
-    for file in dict.fromkeys(files):
-        content = b''
+    for given in dict.fromkeys(files):
+        content, file = b'', given
         try:
+            file = str(find_resource(given.removeprefix(_BY_PACKAGE))) if given.startswith(_BY_PACKAGE) else given
             content = texts[file] if file in texts else _content(file)
             document = load_xml(content, shown_name(file), registry, include=_include)
         except OSError as error:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import runpy
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -30,6 +32,11 @@ def behavior(*words: str) -> tuple[int, str, str]:
     return code, out.getvalue(), err.getvalue()
 
 
+def saved_tests(file: Path) -> list[Callable[[], None]]:
+    """The tests in a file that the program under test has written."""
+    return [value for name, value in runpy.run_path(str(file)).items() if name.startswith('test_')]
+
+
 def test_the_demonstration_holds_and_says_of_what() -> None:
     code, out, _ = behavior('prove', 'Navigate Split', '--json')
     assert code == 0
@@ -49,14 +56,87 @@ def test_what_is_wrong_in_a_tree_is_told_and_saved_as_a_test(tmp_path: Path) -> 
     assert done.code == 1
     assert 'base has two owners at once' in done.out and 'the shortest way to it (2 steps)' in done.out
     assert 'remedy: let one of them end before the other begins' in done.out
-    names: dict[str, object] = {}
-    exec(compile(test.read_text(), str(test), 'exec'), names)  # noqa: S102 - it was written by the program under test
-    saved = next(value for name, value in names.items() if name.startswith('test_'))
-    assert callable(saved)
+    (saved,) = saved_tests(test)
     with pytest.raises(AssertionError, match='two owners'):
         saved()
     tree.write_text(document('Main: <Sequence><Spin/><Wait/><BackUp/></Sequence>'))
     saved()  # what was wrong has been put right
+
+
+SPLIT = """machine:
+  outcomes: [finished, failed]
+  states:
+    Load:
+      state: BtLoaderState
+      parameters: {{filepaths: [{folder}/plan.xml, {folder}/drive.xml]}}
+      transitions: {{done: Plan, failed: failed}}
+    Plan:
+      state: BtExecuteState
+      parameters: {{bt_file: Plan}}
+      transitions: {{done: Drive, canceled: failed, failed: {unplanned}}}
+    Drive:
+      state: BtExecuteState
+      parameters: {{bt_file: Drive}}
+      transitions: {{done: finished, canceled: failed, failed: failed}}
+"""
+
+
+def test_what_trees_hand_to_each_other_is_there_on_all_ways_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine, saved = tmp_path / 'split.yaml', tmp_path / 'tests' / 'test_split.py'
+    saved.parent.mkdir()
+    plan = 'Plan: <ComputePathToPose goal="{{goal}}" path="{{{0}}}"/>'
+    (tmp_path / 'plan.xml').write_text(document(plan.format('path'), main=None))
+    (tmp_path / 'drive.xml').write_text(document('Drive: <FollowPath path="{path}"/>', main=None))
+
+    def prove(unplanned: str, *words: str) -> tuple[int, str]:
+        machine.write_text(SPLIT.format(folder=tmp_path, unplanned=unplanned))
+        monkeypatch.chdir(tmp_path)
+        return behavior('prove', 'split.yaml', *words)[:2]
+
+    assert prove('failed')[0] == 0
+    code, out = prove('Drive', '--save-test', str(saved))  # without a plan
+    wrong = '/Drive begins, and its tree reads [path] of the shared blackboard, which nothing has written on this way'
+    assert code == 1 and wrong in out
+    monkeypatch.chdir('/')  # the test finds its files from wherever it is run
+    (test,) = saved_tests(saved)
+    with pytest.raises(AssertionError, match='nothing has written'):
+        test()
+    machine.write_text(SPLIT.format(folder=tmp_path, unplanned='failed'))
+    test()
+    (tmp_path / 'plan.xml').write_text(document(plan.format('paht'), main=None))
+    code, out = prove('failed')
+    assert code == 1 and wrong in out
+    assert prove('failed', '--given', 'path')[0] == 0
+    (tmp_path / 'plan.xml').write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Plan"><Inverter/></BehaviorTree></root>'
+    )
+    assert prove('failed') == (3, '')  # of what is refused nothing is proved
+
+
+def test_what_is_wrong_in_a_tree_of_a_behavior_is_saved_too(tmp_path: Path) -> None:
+    machine, saved = tmp_path / 'split.yaml', tmp_path / 'test_split.py'
+    (tmp_path / 'plan.xml').write_text(document('Plan: <ComputePathToPose goal="{goal}" path="{path}"/>', main=None))
+    drive = tmp_path / 'drive.xml'
+    both = '<FollowPath path="{path}"/><Spin/>'
+    drive.write_text(document(f'Drive: <Parallel success_count="2">{both}</Parallel>', main=None))
+    machine.write_text(SPLIT.format(folder=tmp_path, unplanned='failed'))
+    assert behavior('prove', str(machine), '--save-test', str(saved))[0] == 1
+    (test,) = saved_tests(saved)
+    with pytest.raises(AssertionError, match='base has two owners'):
+        test()
+    drive.write_text(document(f'Drive: <Sequence>{both}</Sequence>', main=None))
+    test()
+
+
+def test_a_tree_of_a_package_is_proved_and_saved_by_its_name(tmp_path: Path) -> None:
+    tree, saved = 'package://flexbt_demo_behaviors/trees/recovery.xml', tmp_path / 'test_recovery.py'
+    assert tool('prove', tree, '--require', 'never =SUCCESS', '--save-test', str(saved)).code == 1
+    (test,) = saved_tests(saved)
+    with pytest.raises(AssertionError, match='=SUCCESS happens'):
+        test()
+    assert "no installed package 'nowhere'" in tool('prove', 'package://nowhere/x.xml').err
 
 
 def test_what_is_wrong_is_drawn_and_is_shown_by_the_replay_of_the_console(tmp_path: Path) -> None:
@@ -171,10 +251,7 @@ def test_what_is_required_is_proved_told_and_saved(tmp_path: Path) -> None:
     done = tool('prove', str(tree), '--requirements', str(required), '--save-test', str(saved))
     assert done.code == 1 and done.out.count('WRONG') == 1 and f'{required}: not proved here: Other' in done.err
     assert 'it ends, and look has not come after drive; required is: after drive, look before the end' in done.out
-    names: dict[str, object] = {}
-    exec(compile(saved.read_text(), str(saved), 'exec'), names)  # noqa: S102 - it was written by the program under test
-    (test,) = [value for name, value in names.items() if name.startswith('test_')]
-    assert callable(test)
+    (test,) = saved_tests(saved)
     with pytest.raises(AssertionError, match='look has not come'):
         test()
     required.write_text('Main:\n  - never lok\n')

@@ -38,7 +38,7 @@ from .names import (
     port_name_problem,
     similar_names,
 )
-from .outcomes import Choice, Exchanged, InOrder, OneOf, Outcomes, Possible, Repeated, Results, TimeLimit
+from .outcomes import Choice, Exchanged, InOrder, OneOf, Outcomes, Possible, Recovered, Repeated, Results, TimeLimit
 from .port_types import (
     ANY,
     BOOL,
@@ -123,6 +123,7 @@ __all__ = [
     'PortType',
     'PortValue',
     'Possible',
+    'Recovered',
     'RegistrationError',
     'Repeated',
     'Results',

@@ -134,6 +134,25 @@ class Repeated(Outcomes):
 
 
 @dataclass(frozen=True, slots=True)
+class Recovered(Outcomes):
+    """The second child is ticked when the first fails, and then the first again, as often as ``port`` says.
+
+    Less than 0: no child is ever ticked.
+    """
+
+    port: str
+
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+        count = values[self.port].literal if self.port in values else None
+        if isinstance(count, int) and count < 0:
+            return Possible(_FAILURE, (False, False))
+        first, recovery = children
+        is_recovered = FAILURE in first
+        results = first | (recovery & _RUNNING if is_recovered else _NOTHING)
+        return Possible(results if isinstance(count, int) else results | _FAILURE, (True, is_recovered))
+
+
+@dataclass(frozen=True, slots=True)
 class TimeLimit(Outcomes):
     """A decorator that fails when its child is RUNNING for too long."""
 

@@ -4,6 +4,7 @@
 from .calling import Calling
 from .command_queue import Answer
 from .container import ContainerRun
+from .halt_wait import HaltWait
 from .leaf import LeafRun
 from .monitor import MonitoredRun, MonitoredState, RunMonitor
 from .observer import LoggingObserver, RunObserver
@@ -16,6 +17,7 @@ __all__ = [
     'Answer',
     'Calling',
     'ContainerRun',
+    'HaltWait',
     'HeldBack',
     'LeafRun',
     'LoggingObserver',

@@ -4,15 +4,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import Final
 
-from flexbt_onboard.behaviors import machine_entry
-from flexbt_tools.behaviors import BuiltBehavior, build, installed
+from flexbt_tools.behaviors import BuiltBehavior, behavior_entry, build
 from flexbt_tools.errors import UsageError
-from flexbt_tools.text_files import read_text
-
-_MAX_BYTES: Final = 4_000_000
 
 
 def add_parameters(parser: argparse.ArgumentParser) -> None:
@@ -49,20 +43,9 @@ def add_tree_files(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def machine_file(options: argparse.Namespace) -> Path | None:
-    """The file of a machine that is meant instead of an installed behavior."""
-    file = Path(options.name)
-    return file if file.suffix in ('.yaml', '.yml') else None
-
-
 def built(options: argparse.Namespace) -> BuiltBehavior:
     """The behavior that is meant. Raises UsageError when it cannot be built."""
-    file = machine_file(options)
-    if file is None:
-        (entry,) = installed([options.name])
-    else:
-        entry = machine_entry(file.stem, read_text(str(file), _MAX_BYTES))
-    behavior = build(entry, parameters(options))
+    behavior = build(behavior_entry(options.name), parameters(options))
     if behavior.machine is None:
         raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
     return behavior

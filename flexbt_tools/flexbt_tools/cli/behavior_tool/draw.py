@@ -7,11 +7,11 @@ import argparse
 
 from flexbt_common.pictures import machine_as_dot, machine_as_mermaid
 from flexbt_core.synthesis.machines import reasons
-from flexbt_tools.behaviors import UsedTrees, graph_of, used_trees
+from flexbt_tools.behaviors import UsedTrees, graph_of, machine_file, used_trees
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
 
-from .behavior_arguments import add_parameters, add_tree_files, built, machine_file
+from .behavior_arguments import add_parameters, add_tree_files, built
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     used = UsedTrees()
     if not options.no_trees:
         used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
-    file = machine_file(options)
+    file = machine_file(options.name)
     why = {} if file is None else reasons(file.read_text(encoding='utf-8-sig'))
     graph = graph_of(behavior.machine, used, expand=options.expand, ports=options.ports, reasons=why)
     picture_output.write(

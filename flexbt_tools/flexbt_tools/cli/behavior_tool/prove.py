@@ -5,14 +5,16 @@ it."""
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Mapping, Sequence
 
-from flexbt_core.exploration import Bounds, Operator, RestoreError
+from flexbt_core.exploration import Bounds, Counterexample, Operator, RestoreError
+from flexbt_core.monitors import Stated
 from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy
-from flexbt_tools.behavior_proofs import prove_behavior
-from flexbt_tools.behaviors import used_trees
+from flexbt_tools.behavior_proofs import BehaviorProof, prove_behavior
+from flexbt_tools.behaviors import machine_file, used_trees
 from flexbt_tools.cli import arguments, proof_arguments
-from flexbt_tools.errors import ExitCode, UsageError
-from flexbt_tools.proofs import ProgressLine, behavior_test
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.proofs import File, ProgressLine, Replay, requirement_texts
 
 from .behavior_arguments import add_parameters, add_tree_files, built, parameters
 
@@ -21,6 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
     add_parameters(parser)
     add_tree_files(parser)
+    parser.add_argument(
+        '--given',
+        metavar='KEY',
+        action='append',
+        default=[],
+        help='a key that is on the blackboards of the trees before, from outside; repeatable',
+    )
     arguments.add_node_types(parser, allow_unknown=False)
     parser.add_argument(
         '--operator',
@@ -46,6 +55,8 @@ def run(options: argparse.Namespace) -> ExitCode:
     behavior = built(options)
     assert behavior.machine is not None
     used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
+    if used.findings:  # of a tree that is not known nothing could be proved
+        raise UnfitError('\n'.join(finding.text(behavior.name) for finding in used.findings))
     operator = Operator.ALL if options.forces else Operator(options.operator)
     bounds = Bounds(
         operator,
@@ -68,6 +79,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             configurations=options.situations,
             required=required,
             required_of_trees=by_name,
+            given=options.given,
             on_progress=progress.tell,
             kept=proof_arguments.kept(options),
         )
@@ -76,7 +88,40 @@ def run(options: argparse.Namespace) -> ExitCode:
     finally:
         progress.end()
     code = proof_arguments.tell(options, proof.reports)
-    if options.save_test is not None and not proof.machine.holds:
-        text = behavior_test(behavior.name, parameters(options), bounds, proof.machine.counterexamples, required)
-        proof_arguments.save_test(options, text)
+    if options.save_test is not None and not all(report.holds for report in proof.reports):
+        proof_arguments.save_test(options, list(_wrong(options, proof, bounds, required, by_name)))
     return code
+
+
+def _wrong(
+    options: argparse.Namespace,
+    proof: BehaviorProof,
+    bounds: Bounds,
+    required: Sequence[Stated],
+    by_name: Mapping[str, Sequence[Stated]],
+) -> Iterator[tuple[Replay, Sequence[Counterexample]]]:
+    """What is wrong with the trees, and with the machine, with the calls that make the steps again."""
+    name = options.name if machine_file(options.name) is None else File(options.name)
+    common = {
+        'parameters': parameters(options),
+        'trees': [File(file) for file in options.trees],
+        **proof_arguments.node_settings(options),
+    }
+    for key, report in proof.trees.items():
+        texts = requirement_texts(by_name.get(key.id, ()))
+        settings = {'tree': key.id, **common, 'require': texts}
+        yield (
+            Replay(f'the tree {key.id!r}', 'behavior_proofs', 'replay_behavior', [name], settings),
+            report.counterexamples,
+        )
+    settings = {
+        **common,
+        'operator': bounds.operator.value,
+        'forces': bounds.forces,
+        'faults': bounds.faults,
+        'autonomy': bounds.autonomy,
+        'given': options.given,
+        'require': requirement_texts(required),
+    }
+    what = f'the machine of {proof.name!r}'
+    yield Replay(what, 'behavior_proofs', 'replay_behavior', [name], settings), proof.machine.counterexamples

@@ -12,8 +12,8 @@ from flexbt_core.behavior_tree import TreeKey, TreeLoadError
 from flexbt_core.exploration import Limits, RestoreError
 from flexbt_tools.cli import arguments, proof_arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
-from flexbt_tools.proofs import ProgressLine, prove_tree, tree_test
-from flexbt_tools.trees import find_tree, read_library, roots
+from flexbt_tools.proofs import File, ProgressLine, Replay, prove_tree, requirement_texts
+from flexbt_tools.trees import STDIN, find_tree, read_library, roots
 
 from . import prove_model
 
@@ -62,9 +62,26 @@ def run(options: argparse.Namespace) -> ExitCode:
         finally:
             progress.end()
     code = proof_arguments.tell(options, list(reports.values()))
-    wrong = [key for key, report in reports.items() if not report.holds]
-    if options.save_test is not None and wrong:
-        key = wrong[0]
-        text = tree_test(options.files, key.id, reports[key].counterexamples, options.given, required[key])
-        proof_arguments.save_test(options, text)
+    if options.save_test is not None and not all(report.holds for report in reports.values()):
+        if STDIN in options.files:
+            raise UsageError('--save-test: a test cannot read the standard input again; give the tree as a file')
+        files = [File(file) for file in options.files]
+        settings = {'given': options.given, **proof_arguments.node_settings(options)}
+        proof_arguments.save_test(
+            options,
+            [
+                (
+                    Replay(
+                        f'the tree {key.id!r}',
+                        'proofs',
+                        'replay_tree',
+                        [files, key.id],
+                        settings | {'require': requirement_texts(required[key])},
+                    ),
+                    report.counterexamples,
+                )
+                for key, report in reports.items()
+                if not report.holds
+            ],
+        )
     return code

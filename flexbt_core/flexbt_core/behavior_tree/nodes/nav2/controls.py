@@ -16,6 +16,7 @@ from flexbt_core.behavior_tree.model import (
     SUCCESS,
     Example,
     NodeStatus,
+    Recovered,
     TickAbandoned,
     input_port,
 )
@@ -35,6 +36,7 @@ class RecoveryNode(Control):
 
     ports = {'number_of_retries': input_port(INT, default='1', description='recoveries that are allowed')}
     children_bounds = (2, 2)
+    outcomes = Recovered('number_of_retries')
     example = Example(
         """
         <RecoveryNode number_of_retries="2"><ScriptCondition code="(tries += 1) == 2"/><AlwaysSuccess/></RecoveryNode>
