@@ -7,6 +7,22 @@ import gc
 import importlib
 import signal
 import sys
+from types import ModuleType
+
+
+def load(module: str) -> ModuleType:
+    """Import the module of an executable.
+
+    That is spared what no executable needs: collections of garbage among modules that stay, and the generator of
+    message code (with its parsers), which each package of messages loads otherwise. rosidl_generator_py is made to
+    work where that cannot be imported.
+    """
+    sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
+    gc.disable()
+    loaded = importlib.import_module(module)
+    gc.freeze()
+    gc.enable()
+    return loaded
 
 
 def run_main(module: str) -> int:
@@ -14,19 +30,11 @@ def run_main(module: str) -> int:
 
     A SIGINT that comes meanwhile ends the process by that signal (130 for a shell), without a traceback of what was
     being imported. One that is ignored stays so, as in the background of a shell.
-
-    Loading is spared what no executable needs: collections of garbage among modules that stay, and the generator of
-    message code (with its parsers), which each package of messages loads otherwise. rosidl_generator_py is made to
-    work where that cannot be imported.
     """
     before = signal.getsignal(signal.SIGINT)
     if before is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
-    gc.disable()
-    main = importlib.import_module(module).main
-    gc.freeze()
-    gc.enable()
+    main = load(module).main
     signal.signal(signal.SIGINT, before)
     exit_code: int = main()
     return exit_code

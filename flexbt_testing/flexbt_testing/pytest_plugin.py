@@ -7,6 +7,7 @@ time, and beside a robot, without meeting.
 
 from __future__ import annotations
 
+import gc
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -53,6 +54,12 @@ def pytest_configure() -> None:
 
     settings.register_profile('flexbt', deadline=None, derandomize='FLEXBT_FUZZ' not in os.environ)
     settings.load_profile('flexbt')
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays to the end: collections of garbage need not go through it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def entities_of(node: Any) -> Counter[type]:

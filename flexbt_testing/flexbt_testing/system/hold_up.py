@@ -54,6 +54,11 @@ def hold_up(method: str, seconds: float) -> None:
     setattr(owner, name, held)
 
 
+def listen(fifo: Path) -> None:
+    """Hold up whatever is written to a FIFO, from now on."""
+    threading.Thread(target=_listen, args=(fifo,), daemon=True).start()
+
+
 def _listen(fifo: Path) -> None:
     while True:  # it ends with each who has written
         for line in fifo.read_text().splitlines():
@@ -64,7 +69,7 @@ def _listen(fifo: Path) -> None:
 def main() -> None:
     """Run the executable, and listen."""
     fifo, *command = sys.argv[1:]
-    threading.Thread(target=_listen, args=(Path(fifo),), daemon=True).start()
+    listen(Path(fifo))
     sys.argv = command
     runpy.run_path(command[0], run_name='__main__')
 

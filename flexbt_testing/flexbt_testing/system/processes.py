@@ -15,6 +15,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_prefix
 
+from flexbt_testing.system import fork_server
 from flexbt_testing.system.network_namespace import NetworkNamespace
 from flexbt_testing.waiting import uncontended_time
 
@@ -28,6 +29,14 @@ PACKAGES: Final[Mapping[str, str]] = {
     'run_report': 'flexbt_onboard',
 }
 """The package of each executable."""
+
+MODULES: Final[Mapping[str, str]] = {
+    'simulator': 'flexbt_sim.simulator.node',
+    'navigation': 'flexbt_sim.nodes.navigation_servers',
+    'bt_server': 'flexbt_server.node.bt_server',
+    'onboard_executive': 'flexbt_onboard.node.onboard_executive',
+}
+"""What the executables that tests start often run."""
 
 LAST_CHARACTERS: Final = 3000
 
@@ -51,16 +60,23 @@ class Stack:
     """Processes by the names of their executables; leaving the context kills those that are left."""
 
     def __init__(
-        self, directory: Path, network: NetworkNamespace | None = None, *, can_be_held_up: bool = False
+        self,
+        directory: Path,
+        network: NetworkNamespace | None = None,
+        *,
+        can_be_held_up: bool = False,
+        forked: bool = True,
     ) -> None:
         """``directory`` takes the logs; the processes are in ``network``, or in that of this process.
 
-        ``can_be_held_up``: whether :meth:`hold_up` is to be used.
+        ``can_be_held_up``: whether :meth:`hold_up` is to be used. ``forked``: whether they may be forks of a process
+        that has loaded what they need (:mod:`.fork_server`), which spares most of the time of a start.
         """
         self.directory = directory
         self._network = network
         self._can_be_held_up = can_be_held_up
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._forked = forked and fork_server.AVAILABLE and network is None
+        self._processes: dict[str, subprocess.Popen[bytes] | fork_server.ForkedProcess] = {}
         self._starts = 0
 
     def __enter__(self) -> Stack:
@@ -88,13 +104,24 @@ class Stack:
         settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
             settings['event_log_directory'] = str(self.directory)
-        words = [*self._held_up_by(name), executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
+        words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']
-        if self._network is not None:
-            words = self._network.command(words)
-        variables = {**os.environ, **(environment or {})}
+        fifo = self._fifo(name) if self._can_be_held_up else None
+        if fifo is not None and not fifo.exists():
+            os.mkfifo(fifo)
         with self._log(name).open('ab') as log:
+            if (
+                self._forked and base in MODULES and environment is None
+            ):  # of which modules read some as they are loaded
+                server = fork_server.fork_server(MODULES[base])
+                self._processes[name] = server.start(words, log.fileno(), os.environ, fifo)
+                return
+            if fifo is not None:
+                words = [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo), *words]
+            if self._network is not None:
+                words = self._network.command(words)
+            variables = {**os.environ, **(environment or {})}
             self._processes[name] = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
             )
@@ -148,14 +175,6 @@ class Stack:
         """Everything that a process has said."""
         log = self._log(name)
         return log.read_text(errors='replace') if log.exists() else ''
-
-    def _held_up_by(self, name: str) -> list[str]:
-        if not self._can_be_held_up:
-            return []
-        fifo = self._fifo(name)
-        if not fifo.exists():
-            os.mkfifo(fifo)
-        return [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo)]
 
     def _fifo(self, name: str) -> Path:
         return self._log(name).with_suffix('.fifo')

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Starts an executable again and again, as forks of one process that has loaded what the executable needs.
+
+Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
+:func:`flexbt_common.executables.run_main` has loaded the module: it has the arguments, the environment and the standard
+streams that it is given, and ends as the executable does. What differs is the beginning alone: the interpreter, its
+options and the entry point. Tests that are about these start the executable itself.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_common.executables import load, run_main
+from flexbt_testing.system.hold_up import listen
+
+AVAILABLE: Final = hasattr(os, 'pidfd_open')
+"""Whether there is what it stands on: Linux."""
+
+_MAX_REQUEST: Final = 1_000_000
+
+
+class ForkedProcess:
+    """A process that a :class:`ForkServer` has started: what of :class:`subprocess.Popen` is of use for it."""
+
+    def __init__(self, server: ForkServer, pid: int) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+        self._server = server
+        self._end = os.pidfd_open(pid)
+
+    def poll(self) -> int | None:
+        """The exit code, negative for a signal; None while it runs."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(0.0)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; gives the exit code.
+
+        Raises:
+            subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
+        """
+        if self.returncode is None:
+            if not select.select([self._end], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout or 0.0)
+            self.returncode = self._server.exit_code(self.pid)
+            os.close(self._end)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)  # a zombie at worst, until its exit code is asked for
+
+    def kill(self) -> None:
+        """kill -9."""
+        self.send_signal(signal.SIGKILL)
+
+
+class ForkServer:
+    """The process that starts those of one executable, by the module whose ``main()`` that runs."""
+
+    def __init__(self, module: str) -> None:
+        self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with other:
+            words = [sys.executable, '-m', __name__, module, str(other.fileno())]
+            self._process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()])
+
+    def start(
+        self, words: Sequence[str], output: int, environment: Mapping[str, str], fifo: Path | None = None
+    ) -> ForkedProcess:
+        """Start a process with this command line, what it says going to the file ``output``.
+
+        ``fifo``: from where its threads are held up (:mod:`.hold_up`).
+        """
+        request = {'words': words, 'environment': dict(environment), 'fifo': str(fifo) if fifo else None}
+        return ForkedProcess(self, self._ask(request, [output]))
+
+    def exit_code(self, pid: int) -> int:
+        """Of a process that has ended."""
+        return self._ask({'ended': pid})
+
+    def close(self) -> None:
+        """End it; the processes that it has started run on."""
+        self._socket.close()
+        self._process.wait()
+
+    def _ask(self, request: Mapping[str, Any], files: Sequence[int] = ()) -> int:
+        socket.send_fds(self._socket, [json.dumps(request).encode()], files)
+        answer = self._socket.recv(_MAX_REQUEST)
+        if not answer:
+            raise RuntimeError(f'the fork server has ended, exit code {self._process.wait()}')
+        return int(answer)
+
+
+@cache
+def fork_server(module: str) -> ForkServer:
+    """The one of a module in this process: it begins when it is first asked for, and ends with the process."""
+    server = ForkServer(module)
+    atexit.register(server.close)
+    return server
+
+
+def _serve(connection: socket.socket) -> tuple[dict[str, Any], int] | None:
+    """Starts processes, and tells how they have ended; None when nobody asks any more.
+
+    In each fork it gives what that has been asked to become: the request, and the file for what it says.
+    """
+    while True:
+        data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 1)
+        if not data:
+            return None
+        request = json.loads(data)
+        if 'ended' in request:
+            answer = os.waitstatus_to_exitcode(os.waitpid(request['ended'], 0)[1])
+        else:
+            answer = os.fork()
+            if answer == 0:
+                return request, files[0]
+            os.close(files[0])
+        connection.send(str(answer).encode())
+
+
+def _become(request: Mapping[str, Any], output: int) -> None:
+    """In the fork: what a process is given when it is started."""
+    sys.argv = request['words']
+    os.environ.clear()
+    os.environ.update(request['environment'])
+    for stream in (1, 2):
+        os.dup2(output, stream)
+    os.close(output)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if request['fifo']:
+        listen(Path(request['fifo']))
+
+
+def main() -> int:
+    """Load the module and serve; a fork runs the module's ``main()``, and gives its exit code."""
+    module, descriptor = sys.argv[1:]
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    load(module)
+    with socket.socket(fileno=int(descriptor)) as connection:
+        fork = _serve(connection)
+    if fork is None:
+        return 0
+    _become(*fork)
+    return run_main(module)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
