@@ -93,7 +93,7 @@ def test_why_there_is_none_is_told_in_the_words_of_the_files(
 @pytest.mark.parametrize(
     ('words', 'code', 'text'),
     [
-        (('--goal', 'brewn'), 3, "request: goal 'brewn': there is no variable 'brewn'; did you mean"),
+        (('--goal', 'brewn'), 3, "request: goal 'brewn': there is no variable 'brewn'; did you mean 'brew'?"),
         (('--goal', 'brew', '--mappings', '/nowhere'), 2, '/nowhere: cannot be read: No such file'),
         (('--goal', 'brew', '--states', 'nowhere'), 2, '--states nowhere: ModuleNotFoundError'),
         (('--goal', 'brew', '--retries', '-1'), 2, '--retries -1: write a number from 0 to 1000'),

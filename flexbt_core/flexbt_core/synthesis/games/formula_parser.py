@@ -30,6 +30,7 @@ Labels = Mapping[str, Mapping[int, str]]
 _TOKEN: Final = re.compile(r"\s*(?:(\d+)|([A-Za-z_]\w*)|(<-->|<->|->|<=|>=|!=|[-+<>=!&|^()']))")
 _WORD: Final = re.compile(r'[A-Za-z_]\w*')
 _LEVELS: Final = ('<->', '->', '^', '|', '&')
+_WORDS: Final = {'and': '&', 'or': '|', 'not': '!', 'implies': '->', 'AND': '&', 'OR': '|', 'NOT': '!'}
 _COMPARISONS: Final = ('=', '!=', '<', '>', '<=', '>=')
 
 
@@ -42,16 +43,20 @@ class FormulaError(ValueError):
         super().__init__(f"'{formula.strip():.100}': {reason}")
 
 
-def parse_formula(text: str, variables: Ranges, labels: Labels = MappingProxyType({})) -> Formula:
-    """The formula in a text, in which all values are numbers; ``labels`` are for messages. Raises FormulaError."""
+def parse_formula(
+    text: str, variables: Ranges, labels: Labels = MappingProxyType({}), names: Collection[str] | None = None
+) -> Formula:
+    """The formula in a text, in which all values are numbers. ``labels``, and ``names`` as users know those of the
+    variables, are for messages. Raises FormulaError."""
     if len(text) > MAX_LENGTH:
         raise FormulaError(text, f'it has {len(text)} characters; a formula may have {MAX_LENGTH}')
-    return _Parser(text, variables, labels).whole()
+    return _Parser(text, variables, labels, variables if names is None else names).whole()
 
 
 class _Parser:
-    def __init__(self, text: str, variables: Ranges, labels: Labels) -> None:
+    def __init__(self, text: str, variables: Ranges, labels: Labels, names: Collection[str]) -> None:
         self._text = text
+        self._names = names
         self._variables = variables
         self._labels = labels
         self._tokens: list[str] = []
@@ -62,8 +67,13 @@ class _Parser:
         while position < end:
             found = _TOKEN.match(text, position)
             if found is None:
-                raise self._error(f"'{text[position:].strip()[:1]}' cannot be in a formula")
-            self._tokens.append('<->' if found[3] == '<-->' else found[0].strip())
+                sign = text[position:].strip()[:1]
+                temporal = '; it speaks of one moment, without always and eventually' if sign in '[◇□' else ''
+                raise self._error(f"'{sign}' cannot be in a formula{temporal}")
+            token = '<->' if found[3] == '<-->' else found[0].strip()
+            if token in _WORDS and token not in variables:
+                raise self._error(f"'{token}' is no word of formulas: write {_WORDS[token]}")
+            self._tokens.append(token)
             position = found.end()
 
     def whole(self) -> Formula:
@@ -133,7 +143,7 @@ class _Parser:
             bounds = self._variables[left.name]
             if bounds is not None:
                 low, high = bounds
-                raise self._error(f"'{left.name}' is a number from {low} to {high}: write {left}=VALUE")
+                raise self._error(f"'{left.name}' is a number from {low} to {high}: write {left.name}=VALUE")
             return left
         if isinstance(left, Number) and left.value in (0, 1):
             return TRUE if left.value else FALSE
@@ -157,7 +167,7 @@ class _Parser:
         if not (token[:1].isalpha() or token[:1] == '_'):
             raise self._error(self._missing(token))
         if token not in self._variables:
-            raise self._error(f"there is no variable '{token:.80}'{hint(token[:80], list(self._variables))}")
+            raise self._error(f"there is no variable '{token:.80}'{hint(token[:80], list(self._names))}")
         self._at += 1
         return Name(token, self._taken("'") or self._primed)
 

@@ -667,7 +667,7 @@ class Translation:
         wrong: set[str | None] = set()  # what a user wrote may be in several formulas
         for section, text, origin, place, rule in self._texts:
             try:
-                lines.append(Line(section, text, parse_formula(text, self._ranges(), self._file.labels), origin, rule))
+                lines.append(Line(section, text, self._formula(text), origin, rule))
             except FormulaError as error:
                 if origin is not None and origin not in wrong:
                     self._problems.append(f'{place}: {origin.removesuffix(f" ({place})")}: {error.reason}')
@@ -677,7 +677,12 @@ class Translation:
         return lines
 
     def _formula(self, text: str) -> Formula:
-        return parse_formula(text, self._ranges(), self._file.labels)
+        return parse_formula(text, self._ranges(), self._file.labels, self._shown_names())
+
+    def _shown_names(self) -> list[str]:
+        """What users know: the capabilities, and the variables without those of the translation."""
+        own = [name.removesuffix('_m') for name in self._variables if not self._vocabulary.is_own(name)]
+        return list(dict.fromkeys([*self._file.capabilities, *own]))
 
     def _ranges(self) -> dict[str, tuple[int, int] | None]:
         return {name: variable.bounds for name, variable in self._variables.items()}
