@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import AutonomyLevel, Decision, InputValue, Pose, plain_type
+from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue, Pose, plain_type
 from flexbt_core import values
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
@@ -54,9 +54,6 @@ def line_count(text: str) -> int:
         raise UsageError(f'{text!r}: expected a number of lines above 0')
     return int(text)
 
-
-LIVENESS: Final = ('fair', 'adversarial', 'fair-outcomes')
-"""What can be assumed about failures in a synthesis; the first is the default."""
 
 _MOST_RETRIES: Final = 1000
 _CAPABILITIES: Final = 1_000_000

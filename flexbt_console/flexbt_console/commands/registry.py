@@ -13,7 +13,9 @@ from typing import Final
 
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror import (
+    LIVENESS,
     NOTE_LENGTH,
+    SYNTHESIS_SECONDS,
     AutonomyLevel,
     Command,
     CommandKind,
@@ -36,7 +38,6 @@ from flexbt_console.present import (
 
 from .command_builder import CommandBuilder
 from .operator_values import (
-    LIVENESS,
     assignment,
     autonomy_level,
     capability_text,
@@ -288,7 +289,7 @@ def _ask_synthesis(line: CommandLine, robot: AskedRobot, timeout: float, tell: C
         line.value('--liveness') or LIVENESS[0],
         retry_count(line.value('--retries')) if line.has('--retries') else -1,
         line.value('--name'),
-        line.seconds('--time-limit') or 0.0,
+        line.seconds('--time-limit') or SYNTHESIS_SECONDS,
     )
     made = robot.synthesis(request, timeout, tell)
     return Shown(made, synthesis_lines(made), is_refusal=not made.behavior)
@@ -583,7 +584,9 @@ COMMANDS: Final = (
             Option('--name', "name of the behavior (default: the system's)", 'NAME'),
             Option('--spec', 'file on the robot of more variables and formulas', 'FILE'),
             Option('--file', 'capability file (YAML) of this computer, in place of SYSTEM', 'FILE', in_prompt=False),
-            Option('--time-limit', 'end the search after so long (default 60)', 'SECONDS', read=seconds),
+            Option(
+                '--time-limit', f'end the search after so long (default {SYNTHESIS_SECONDS:g})', 'SECONDS', read=seconds
+            ),
             Option('--cancel', 'end the synthesis that is under way, whoever asked for it'),
         ),
         details=(

@@ -13,18 +13,17 @@ from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError
-from flexbt_console.mirror import Synthesis, SynthesisRequest
+from flexbt_console.mirror import LIVENESS, Synthesis, SynthesisRequest
 from flexbt_msgs.action import SynthesizeBehavior
 
 Goal, Result = SynthesizeBehavior.Goal, SynthesizeBehavior.Result
 
-DEFAULT_SECONDS: Final = 60.0
 _GRACE: Final = 15.0
 """Seconds beyond the time limit for which the answer is waited for: the search has to be started, and ended."""
 _CANCEL_SECONDS: Final = 0.5
 """For so long the end of the console waits until its cancels are sent."""
 
-_LIVENESS: Final = {'fair': Goal.FAIR, 'adversarial': Goal.ADVERSARIAL, 'fair-outcomes': Goal.FAIR_OUTCOMES}
+_LIVENESS: Final = dict(zip(LIVENESS, (Goal.FAIR, Goal.ADVERSARIAL, Goal.FAIR_OUTCOMES), strict=True))
 
 _CONSOLE_ENDS: Final = 'the console ends'
 
@@ -72,7 +71,7 @@ class SynthesisQuery:
         if left is not None:
             left.add_done_callback(lambda _: _end(done, NoAnswerError('who asked for it has gone')))
         try:
-            outcome = done.result((request.time_limit or DEFAULT_SECONDS) + 2.0 * timeout + _GRACE)
+            outcome = done.result(request.time_limit + 2.0 * timeout + _GRACE)
         except TimeoutError:
             raise NoAnswerError('there was no answer in the time that the search has') from None
         finally:

@@ -6,8 +6,10 @@ from .fleet import Fleet, RobotOverview, Urgency, overview_of
 from .freshness import LIVE_PERIODS, LOST_PERIODS, LOST_SECONDS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
 from .records import (
+    LIVENESS,
     NOTE_LENGTH,
     POSE_TYPES,
+    SYNTHESIS_SECONDS,
     ActiveState,
     AutonomyLevel,
     Behavior,
@@ -43,6 +45,7 @@ from .trees import NodeKind, NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
 __all__ = [
+    'LIVENESS',
     'LIVE_PERIODS',
     'LONGEST_RESEND',
     'LOST_PERIODS',
@@ -50,6 +53,7 @@ __all__ = [
     'NOTE_LENGTH',
     'OCCUPIED',
     'POSE_TYPES',
+    'SYNTHESIS_SECONDS',
     'ActiveState',
     'AutonomyLevel',
     'Behavior',

@@ -345,9 +345,16 @@ class UserdataScope:
     values: tuple[InputValue, ...]
 
 
+LIVENESS: Final = ('fair', 'adversarial', 'fair-outcomes')
+"""What can be assumed about failures in a synthesis, in the order of the constants of SynthesizeBehavior."""
+
+SYNTHESIS_SECONDS: Final = 60.0
+"""How long is searched when nothing is said."""
+
+
 @dataclass(frozen=True, slots=True)
 class SynthesisRequest:
-    """What a behavior is to be made of, and for what; see SynthesizeBehavior. ``time_limit`` in s, 0 for the usual."""
+    """What a behavior is to be made of, and for what; see SynthesizeBehavior. ``time_limit`` in s."""
 
     system: str = ''
     capabilities: str = ''
@@ -355,10 +362,10 @@ class SynthesisRequest:
     goals: tuple[str, ...] = ()
     initial_conditions: tuple[str, ...] = ()
     outcomes: tuple[str, ...] = ()
-    liveness: str = 'fair'
+    liveness: str = LIVENESS[0]
     retries: int = -1
     name: str = ''
-    time_limit: float = 0.0
+    time_limit: float = SYNTHESIS_SECONDS
 
 
 @dataclass(frozen=True, slots=True)
