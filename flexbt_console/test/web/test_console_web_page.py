@@ -179,7 +179,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
     robot = WebRobot()
     robot.show(PLAN)
     station, touched = robot.station(), []
-    station.attention.touched = lambda view, decision: touched.append(decision)  # type: ignore[method-assign]
+    station.attention.touched = lambda view, decision_id: touched.append(decision_id)  # type: ignore[method-assign]
     with served({'robot': station}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
