@@ -2,7 +2,8 @@
 """Hears ``tf`` and ``tf_static`` of a robot, for whoever needs frames other than the map's.
 
 Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
-another frame. Then it waits until the transform is there, or for so long as it says.
+another frame. Then it waits until the transform is there, or for so long as it says. Who has to know frames at the
+stamps of the first requests, too, asks for the listener at its start.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 
 https://jani-spec.org. A name is ``EVENT.valid`` (whether it was ever sent), ``EVENT__PARAMETER`` (with
 ``ros_fields__`` before the field of a message, and ``__`` before a member), or ``....d1_len``, the length of an array.
+Models of before 2025 write ``EVENT.PARAMETER``.
 What was never sent is 0.
 """
 
@@ -251,13 +252,14 @@ def event_of(name: str, events: Events) -> tuple[str, str]:
     """The event and the rest of a name of JANI: ``valid``, or parameters. Raises PropertyError."""
     if name.endswith('.valid'):
         return name.removesuffix('.valid'), 'valid'
-    best = ''
+    best, rest = '', ''
     for one in events.names:
-        if name.startswith(f'{one}__') and len(one) > len(best):
-            best = one
+        for separator in ('__', '.'):
+            if name.startswith(one + separator) and len(one) > len(best):
+                best, rest = one, name.removeprefix(one + separator)
     if not best:
         raise PropertyError(f'{name!r} is no parameter of an event of this model')
-    return best, name[len(best) + 2 :]
+    return best, rest
 
 
 Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]

@@ -80,10 +80,11 @@ def test_a_timer_is_due_until_the_time_is_over(tmp_path: Path) -> None:
     properties = {
         'ten': finally_(COUNT, 10),
         'more': finally_(COUNT, 11),
+        'as before 2025': finally_(COUNT.replace('__', '.', 1), 10),
         'always': {'op': 'Pmin', 'exp': {'op': 'G', 'exp': {'op': '<', 'left': COUNT, 'right': 10}}},
     }
     main = write(tmp_path, properties, nodes={'counter': COUNTER.format(rate=1)})
-    assert [checked(main, name).value for name in properties] == [1.0, 0.0, 0.0]
+    assert [checked(main, name).value for name in properties] == [1.0, 0.0, 1.0, 0.0]
     assert 'counter sends topic_count_msg (data 10)' in checked(main, 'always').way[-2:]
 
 

@@ -24,6 +24,7 @@ from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, GoalAdmission, GoalOutcome, GoalStatus, ServedGoal
 from flexbt_common.lifecycle import LifecycleServices
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.transforms import TransformListener
 from flexbt_core.clock import Timer
 from flexbt_msgs.action import BtExecute
 from flexbt_server.goals import TreeGoals
@@ -91,6 +92,7 @@ class Navigators:
         """Let goals in, and tell so to those who ask for the lifecycle state of Nav2's nodes."""
         node = self._runtime.node
         if self._navigators:
+            TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
             self._admission.open()
             self._parts.append(LifecycleServices(node, names.BT_NAVIGATOR, self._on_change))
         follower = self._follower

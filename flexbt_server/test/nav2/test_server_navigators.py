@@ -58,7 +58,10 @@ class Front:
         wait_until(lambda: (self._poses.publish(here), self.world.server.goals.pose == here)[1], 'the pose')
 
     def to(self, x: float, y: float = 0.0, tree: str = '', frame: str = 'map') -> SentGoal:
-        return SentGoal(self._to_pose, NavigateToPose.Goal(pose=pose(x, y, frame), behavior_tree=tree), DEADLINE)
+        return self.send(NavigateToPose.Goal(pose=pose(x, y, frame), behavior_tree=tree))
+
+    def send(self, goal: NavigateToPose.Goal) -> SentGoal:
+        return SentGoal(self._to_pose, goal, DEADLINE)
 
     def through(self, *xs: float, tree: str = '') -> SentGoal:
         return SentGoal(
@@ -295,6 +298,22 @@ def test_a_goal_in_another_frame_is_transformed(front: Front) -> None:
     ended(front.to(1.0, frame='dock'))
     ended(front.to(2.0, frame=''))  # no frame is that of the map
     assert front.planned_to() == [pytest.approx(4.0), 2.0]
+
+
+def test_the_first_goal_in_another_frame_may_be_stamped_before_it_was_sent(front: Front) -> None:
+    runtime = front.world.client.runtime
+    publisher = runtime.call(lambda: runtime.node.create_publisher(TFMessage, names.TF, 10))
+    wait_until(publisher.get_subscription_count, 'the listener, which no goal has needed yet')
+    odom = TransformStamped(child_frame_id='odom')
+    odom.header.frame_id = 'map'
+    for second in (5, 7):
+        odom.header.stamp.sec = second
+        odom.transform.translation.x = float(second)
+        publisher.publish(TFMessage(transforms=[odom]))
+    goal = NavigateToPose.Goal(pose=pose(1.0, frame='odom'))
+    goal.pose.header.stamp.sec = 6
+    ended(front.send(goal))
+    assert front.planned_to() == [pytest.approx(7.0)]
 
 
 def test_a_sub_tree_without_autoremap_gets_what_it_is_given(front: Front) -> None:
