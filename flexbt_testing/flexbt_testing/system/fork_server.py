@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import importlib
 import json
 import os
 import select
@@ -71,12 +72,16 @@ class ForkedProcess:
 
 
 class ForkServer:
-    """The process that starts those of one executable, by the module whose ``main()`` that runs."""
+    """The process that starts those of one executable, by the module whose ``main()`` that runs.
 
-    def __init__(self, module: str) -> None:
+    ``prepared``: names of functions that load more, which each of them would call after its start: what numba has
+    compiled takes longer than all else.
+    """
+
+    def __init__(self, module: str, *prepared: str) -> None:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
-            words = [sys.executable, '-m', __name__, module, str(other.fileno())]
+            words = [sys.executable, '-m', __name__, str(other.fileno()), module, *prepared]
             self._process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()])
 
     def start(
@@ -107,9 +112,9 @@ class ForkServer:
 
 
 @cache
-def fork_server(module: str) -> ForkServer:
+def fork_server(module: str, *prepared: str) -> ForkServer:
     """The one of a module in this process: it begins when it is first asked for, and ends with the process."""
-    server = ForkServer(module)
+    server = ForkServer(module, *prepared)
     atexit.register(server.close)
     return server
 
@@ -149,9 +154,12 @@ def _become(request: Mapping[str, Any], output: int) -> None:
 
 def main() -> int:
     """Load the module and serve; a fork runs the module's ``main()``, and gives its exit code."""
-    module, descriptor = sys.argv[1:]
+    descriptor, module, *prepared = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     load(module)
+    for name in prepared:
+        path, _, function = name.rpartition('.')
+        getattr(importlib.import_module(path), function)()
     with socket.socket(fileno=int(descriptor)) as connection:
         fork = _serve(connection)
     if fork is None:

@@ -30,13 +30,13 @@ PACKAGES: Final[Mapping[str, str]] = {
 }
 """The package of each executable."""
 
-MODULES: Final[Mapping[str, str]] = {
-    'simulator': 'flexbt_sim.simulator.node',
-    'navigation': 'flexbt_sim.nodes.navigation_servers',
-    'bt_server': 'flexbt_server.node.bt_server',
-    'onboard_executive': 'flexbt_onboard.node.onboard_executive',
+MODULES: Final[Mapping[str, tuple[str, ...]]] = {
+    'simulator': ('flexbt_sim.simulator.node', 'flexbt_sim.world.prepare_world'),
+    'navigation': ('flexbt_sim.nodes.navigation_servers', 'flexbt_sim.navigation.prepare_navigation'),
+    'bt_server': ('flexbt_server.node.bt_server',),
+    'onboard_executive': ('flexbt_onboard.node.onboard_executive',),
 }
-"""What the executables that tests start often run."""
+"""What the executables that tests start often run, and what these call before they are of use."""
 
 LAST_CHARACTERS: Final = 3000
 
@@ -114,7 +114,7 @@ class Stack:
             if (
                 self._forked and base in MODULES and environment is None
             ):  # of which modules read some as they are loaded
-                server = fork_server.fork_server(MODULES[base])
+                server = fork_server.fork_server(*MODULES[base])
                 self._processes[name] = server.start(words, log.fileno(), os.environ, fifo)
                 return
             if fifo is not None:
