@@ -19,8 +19,8 @@ from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
-MEMORY = 600_000_000
-"""Bytes that a flood may cost at most: what the middleware holds of large messages until they are taken."""
+MEMORY = 150_000_000
+"""Bytes that a flood may cost at most: the large messages that wait to be taken."""
 
 BEHAVIOR = """
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine

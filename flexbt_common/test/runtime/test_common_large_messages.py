@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The room of large messages is given back when they have been taken, whatever number of topics had one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.waiting import wait_until
+
+TOPICS = 6
+DEPTH = 5
+SIZE = 5_000_000
+
+
+def resident() -> int:
+    """Bytes of this process."""
+    return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
+
+
+def send_large(sender: NodeRuntime, receiver: NodeRuntime, topic: str) -> None:
+    """As many messages as the queue is deep wait together for the receiver, which takes them."""
+    taken: list[String] = []
+    message = serialize_message(String(data='x' * SIZE))
+
+    def take(_message: String) -> None:
+        taken.append(String())
+
+    receiver.call(lambda: receiver.node.create_subscription(String, topic, take, QoSProfile(depth=DEPTH)))
+    publisher = sender.call(lambda: sender.node.create_publisher(String, topic, 1))
+    wait_until(publisher.get_subscription_count, 'the receiver')
+
+    def fill() -> None:
+        for _ in range(DEPTH):
+            publisher.publish(message)
+
+    receiver.call(lambda: sender.call(fill))
+    wait_until(lambda: taken, 'the messages')
+    sender.call(lambda: sender.node.destroy_publisher(publisher))
+
+
+def test_the_room_of_large_messages_is_given_back() -> None:
+    with NodeRuntime.open('receiver') as receiver, NodeRuntime.open('sender') as sender:
+        before = resident()
+        for number in range(TOPICS):
+            send_large(sender, receiver, f'large_{number}')
+        kept = TOPICS * SIZE
+        wait_until(lambda: resident() - before < kept, lambda: f'{(resident() - before) / 1e6:.0f} MB given back')
