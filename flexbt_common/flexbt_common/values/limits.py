@@ -34,6 +34,10 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BtLoad_Goal.xml': 8_000_000,  # the parameter max_file_size of the BT server counts as well
     'flexbt_msgs/BtExecute_Goal.goals': 10_000,
     'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
+    'flexbt_msgs/TreeStructure.nodes': 100_000,  # a file may have 65,535, and a running tree may get more
+    'flexbt_msgs/TreeNode.path': 100_000,  # the names of all that a node is in
+    'flexbt_msgs/TreeStatus.statuses': 100_000,
+    'flexbt_msgs/TreeStatus.changes': 10_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.capabilities': 1_000_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.goals[]': 20_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.initial_conditions[]': 20_000,

@@ -22,7 +22,7 @@ from flexbt_common.errors import LimitExceededError
 from flexbt_common.values import check_limits, to_entry
 from flexbt_common.values.limits import LIMITS, MESSAGE, TEXT
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
-from flexbt_testing.nodes.oversized import oversized
+from flexbt_testing.nodes.oversized import MOST_ELEMENTS, oversized
 
 
 def _interfaces(module: Any, *parts: str) -> list[type[Any]]:
@@ -44,7 +44,8 @@ RECEIVED = [
 
 @pytest.mark.parametrize('message_type', RECEIVED, ids=lambda one: one.__name__)
 def test_too_much_in_any_field_is_refused_by_its_name(message_type: type[Any]) -> None:
-    for path, message in oversized(message_type, 11_000_000):
+    elements = 110_000 if message_type is flexbt_msgs.msg.TreeStructure else MOST_ELEMENTS
+    for path, message in oversized(message_type, 11_000_000, elements):
         with pytest.raises(LimitExceededError) as refused:
             check_limits(message)
         text = str(refused.value)

@@ -12,14 +12,20 @@ from .messages import (
     event_records,
     log_record,
     places_record,
+    seconds_of,
     snapshot_record,
     structure_record,
 )
 from .operator_link import OperatorLink
+from .scan_link import MESSAGE_BYTES as SCAN_BYTES
+from .scan_link import PLACE_SECONDS, SCAN_SECONDS, points_of
 from .simulator_link import SimulatorLink
 from .surroundings_link import SurroundingsFeed, SurroundingsLink
 
 __all__ = [
+    'PLACE_SECONDS',
+    'SCAN_BYTES',
+    'SCAN_SECONDS',
     'FleetLink',
     'OperatorLink',
     'SimulatorLink',
@@ -31,6 +37,8 @@ __all__ = [
     'interface_problem',
     'log_record',
     'places_record',
+    'points_of',
+    'seconds_of',
     'snapshot_record',
     'structure_record',
 ]

@@ -159,28 +159,40 @@ class ScanLink:
 
     def _points(self, scan: Any, where: Rigid) -> Points:
         """Raises ValueError for a scan that is none."""
-        angles = scan.angle_min, scan.angle_increment
-        if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
-            raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
-        step = -(-len(scan.ranges) // MOST_BEAMS) or 1
-        low, high = max(0.0, scan.range_min), min(scan.range_max, FARTHEST)
-        ranges = [one if low <= one < high else _NOTHING for one in scan.ranges[::step]]
-        if self._shown is not None and _is_same(self._shown[0], self._shown[1], ranges, where):
-            return self._shown[2]
-        x, y, _ = where.translation
-        ahead, left = (_less(where.apply(axis), where.translation) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-        points = []
-        for number, one in enumerate(ranges):
-            if one != _NOTHING:
-                angle = angles[0] + number * step * angles[1]
-                along, across = one * math.cos(angle), one * math.sin(angle)
-                points.append((x + along * ahead[0] + across * left[0], y + along * ahead[1] + across * left[1]))
-        self._shown = ranges, where, tuple(points)
+        ranges = _ranges(scan)
+        if self._shown is None or not _is_same(self._shown[0], self._shown[1], ranges, where):
+            self._shown = ranges, where, points_of(scan, where)
         return self._shown[2]
 
     def _tell(self, text: str) -> None:
         log = self._runtime.node.get_logger()
         log.error(f'{self._topic}: {one_line(text, TOLD_CHARACTERS)}', throttle_duration_sec=TELL_SECONDS)
+
+
+def points_of(scan: Any, where: Rigid) -> Points:
+    """Where the beams of a scan that was taken there have met something. Raises ValueError for a scan that is none."""
+    angles = scan.angle_min, scan.angle_increment * _step(scan)
+    if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
+        raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
+    x, y, _ = where.translation
+    ahead, left = (_less(where.apply(axis), where.translation) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    points = []
+    for number, one in enumerate(_ranges(scan)):
+        if one != _NOTHING:
+            angle = angles[0] + number * angles[1]
+            along, across = one * math.cos(angle), one * math.sin(angle)
+            points.append((x + along * ahead[0] + across * left[0], y + along * ahead[1] + across * left[1]))
+    return tuple(points)
+
+
+def _ranges(scan: Any) -> list[float]:
+    """Of the beams that are kept; what has met nothing is _NOTHING."""
+    low, high = max(0.0, scan.range_min), min(scan.range_max, FARTHEST)
+    return [one if low <= one < high else _NOTHING for one in scan.ranges[:: _step(scan)]]
+
+
+def _step(scan: Any) -> int:
+    return -(-len(scan.ranges) // MOST_BEAMS) or 1
 
 
 def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:

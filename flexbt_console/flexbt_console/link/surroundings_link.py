@@ -10,13 +10,15 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.values import check_limits
 from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 
 from .messages import is_length, known_constant, seconds_of
-from .scan_link import ScanLink
+from .scan_link import TOLD_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'
 """As long as no map has come (REP 105)."""
@@ -84,15 +86,18 @@ class SurroundingsLink:
         def read(received: Received) -> None:
             try:
                 receive(received.unpack(type))
-            except ValueError as error:
-                text = f'{topic}: left aside: {one_line(str(error))}'
+            except (ValueError, LimitExceededError) as error:
+                text = f'{topic}: left aside: {one_line(str(error), TOLD_CHARACTERS)}'
                 self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
 
         return read
 
 
 class SurroundingsFeed:
-    """Messages of trees, map and plan into a mirror, by the names of their topics; ValueError for one that is wrong."""
+    """Messages of trees, map and plan into a mirror, by the names of their topics.
+
+    Each receiver raises ValueError for a message that is wrong, LimitExceededError for one with too much in it.
+    """
 
     def __init__(self, mirror: Mirror) -> None:
         self._mirror = mirror
@@ -106,6 +111,7 @@ class SurroundingsFeed:
         }
 
     def _on_structure(self, message: Any) -> None:
+        check_limits(message)
         nodes = [
             TreeNode(
                 node.uid, node.parent, node.name, node.registration, node.path, known_constant(NodeKind, node.kind)
@@ -119,6 +125,7 @@ class SurroundingsFeed:
         )
 
     def _on_status(self, message: Any) -> None:
+        check_limits(message)
         self._mirror.receive_tree_status(
             message.run_id,
             message.sequence,
@@ -131,6 +138,7 @@ class SurroundingsFeed:
         )
 
     def _on_map(self, message: Any) -> None:
+        check_limits(message.header)  # a console takes more cells than a robot does
         info = message.info
         cells = message.data.tobytes()
         origin = info.origin.position
@@ -145,6 +153,7 @@ class SurroundingsFeed:
         self._mirror.receive_map(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells))
 
     def _on_plan(self, message: Any) -> None:
+        check_limits(message)
         points = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -11,19 +12,26 @@ from typing import Any, Final
 from rclpy.serialization import deserialize_message
 
 from flexbt_common import names
-from flexbt_common.values import resolve_type
+from flexbt_common.errors import LimitExceededError
+from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_common.values import check_limits, resolve_type
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.link import (
+    PLACE_SECONDS,
+    SCAN_SECONDS,
     SurroundingsFeed,
     behaviors_record,
     event_records,
     log_record,
     places_record,
+    points_of,
+    seconds_of,
     snapshot_record,
     structure_record,
 )
 from flexbt_console.mirror import Mirror, Transit
 from flexbt_core.clock import ManualClock
+from flexbt_core.errors import FlexbtError
 
 from .definitions import fields_of, full_definition
 from .run_file import Recorded, read_run
@@ -47,6 +55,10 @@ class RunPlayer:
         for name, definition in {one.type: one.definition for one in self._messages}.items():
             if fields_of(full_definition(name)) != fields_of(definition):
                 raise UsageError(f'{file}: {name} has other fields than when this was recorded')
+        self._scans, self._statics = (
+            [place for place, one in enumerate(self._messages) if one.topic == topic]
+            for topic in (names.SCAN, names.TF_STATIC)
+        )
         begin = self._messages[0].time
         self._times = [(one.time - begin) * 1e-9 for one in self._messages]
         self.duration = self._times[-1]
@@ -59,8 +71,9 @@ class RunPlayer:
         if time < self.time or self.time < 0.0:
             self._clock = ManualClock()
             self.mirror = Mirror(self._clock)
-            self._receive = _receivers(self.mirror)
-            self._next = 0
+            self._feed = SurroundingsFeed(self.mirror)
+            self._receive = _receivers(self.mirror, self._feed)
+            self._next, self._scan = 0, -1
         end = bisect.bisect_right(self._times, time)
         for place in range(self._next, end):
             self._clock.set(self._times[place])
@@ -68,6 +81,38 @@ class RunPlayer:
         self._next = end
         self._clock.set(time)
         self.time = time
+        self._show_scan(end)
+
+    def _show_scan(self, end: int) -> None:
+        """Place the last scan before a message, by the transforms around it. Others are never looked at."""
+        latest = bisect.bisect_left(self._scans, end) - 1
+        if latest < 0 or latest == self._scan:
+            return
+        self._scan = latest
+        at = self._scans[latest]
+        begin = bisect.bisect_left(self._times, self._times[at] - PLACE_SECONDS)
+        behind = bisect.bisect_right(self._times, self._times[at] + PLACE_SECONDS)
+        around = [place for place in range(begin, behind) if self._messages[place].topic == names.TF]
+        try:
+            frames = TransformBuffer()
+            for place in (*self._statics, *around):
+                is_static = self._messages[place].topic == names.TF_STATIC
+                for one in self._unpacked(place).transforms:
+                    parent, stamp = one.header.frame_id, seconds_of(one.header.stamp)
+                    frames.set(parent, one.child_frame_id, rigid_of(one.transform), stamp, is_static=is_static)
+            scan = self._unpacked(at)
+            where = frames.lookup(self._feed.map_frame, scan.header.frame_id, seconds_of(scan.header.stamp))
+            shown = points_of(scan, where)
+        except (ValueError, FlexbtError):
+            shown = ()  # it has no place on the map
+        self.mirror.receive_scan(shown, SCAN_SECONDS - (self.time - self._times[at]))
+
+    def _unpacked(self, place: int) -> Any:
+        """Raises LimitExceededError for a message with too much in it."""
+        one = self._messages[place]
+        message: Any = deserialize_message(one.data, resolve_type(one.type).message)
+        check_limits(message)
+        return message
 
     def step(self, by: int) -> None:
         """Go to the next (1) or the last (-1) moment at which the executive said something."""
@@ -96,7 +141,8 @@ class RunPlayer:
             return
         message: Any = deserialize_message(one.data, resolve_type(one.type).message)
         if receive is not None:
-            receive(message)
+            with contextlib.suppress(ValueError, LimitExceededError):  # left aside then, too
+                receive(message)
         else:
             self.mirror.receive_snapshot(snapshot_record(message), Transit(one.sent * 1e-9, one.time * 1e-9))
 
@@ -104,12 +150,12 @@ class RunPlayer:
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
 
 
-def _receivers(mirror: Mirror) -> dict[str, Callable[[Any], object]]:
+def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:
     return {
         names.EXECUTIVE_STRUCTURE: lambda message: mirror.receive_structure(structure_record(message)),
         names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(behaviors_record(message)),
         names.EXECUTIVE_LOG: lambda message: mirror.receive_log(log_record(message)),
         names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(event_records(message)),
         names.PLACES: lambda message: mirror.receive_places(places_record(message)),
-        **SurroundingsFeed(mirror).receivers,
+        **feed.receivers,
     }

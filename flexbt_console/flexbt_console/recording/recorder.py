@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -75,9 +76,14 @@ class Recorder:
         self._tell_ready(True)
 
     def _hear(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
+        due, kept = -math.inf, TOPICS[topic]
+
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
-            if self._is_full:
+            nonlocal due
+            now = self._runtime.steady.now()
+            if self._is_full or now < due or len(data) > kept.bytes:
                 return
+            due = now + kept.period
             try:
                 self._writer.add(topic, bytes(data), time.time_ns(), info['source_timestamp'])
             except OSError as error:

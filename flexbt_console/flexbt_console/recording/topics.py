@@ -1,21 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is recorded: the operator link, the trees, and where the robot is."""
+"""What is recorded: the operator link, the trees, where the robot is, and what its lidar meets."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
 from flexbt_common import names
+from flexbt_console.link import SCAN_BYTES
+
+SCAN_PERIOD: Final = 0.5
+"""As the screen shows it."""
 
 
 class Topic(NamedTuple):
-    """A topic by its type and the quality of service on both sides."""
+    """A topic by its type and the quality of service on both sides.
+
+    Of what has come, a message each ``period`` seconds of wall time is recorded, and none of more than ``bytes``.
+    """
 
     type: str
     qos: QoSProfile
+    period: float = 0.0
+    bytes: float = math.inf
 
 
 TOPICS: Final[Mapping[str, Topic]] = {
@@ -33,6 +43,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.POSE: Topic('geometry_msgs/msg/PoseStamped', qos_profile_sensor_data),
     names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
     names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.latched(100)),  # one message of each broadcaster
+    names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.unacknowledged(1), SCAN_PERIOD, SCAN_BYTES),
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }

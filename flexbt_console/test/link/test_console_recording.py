@@ -21,18 +21,20 @@ from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import LaserScan
 
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import ExitCode, RefusedError, UsageError
-from flexbt_console.link import OperatorLink
+from flexbt_console.link import SCAN_BYTES, OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
 from flexbt_console.present import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
+from flexbt_console.recording.recorder import Recorder
 from flexbt_console.recording.run_file import Recorded, RunWriter, read_run
 from flexbt_console.recording.topics import TOPICS
 from flexbt_msgs.msg import ExecutiveLog
@@ -288,3 +290,38 @@ def test_definitions_have_every_type_that_they_need() -> None:
         lines = full_definition(topic.type).splitlines()
         listed = {line.removeprefix('MSG: ') for line in lines if line.startswith('MSG: ')}
         assert listed == {name.replace('/msg/', '/') for name in types_in(topic.type)}
+
+
+def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> None:
+    with (
+        contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer,
+        NodeRuntime.open('lidar', namespace='/scanned') as far,
+        NodeRuntime.open('hears', namespace='/scanned') as near,
+    ):
+        topic = TOPICS[names.SCAN]
+        scans = far.call(lambda: far.node.create_publisher(LaserScan, names.SCAN, topic.qos))
+        recorder = near.call(lambda: Recorder(near, writer, lambda is_ready: None))
+        wait_until(lambda: scans.get_subscription_count() > 0, 'the recorder')
+        begin = far.steady.now()
+        heard: list[str] = []
+        add = writer.add
+
+        def note(topic: str, data: bytes, *when: int) -> None:
+            heard.append(topic)
+            add(topic, data, *when)
+
+        writer.add = note  # type: ignore[method-assign, assignment]
+        near.call(lambda: recorder._hear(names.SCAN)(bytes(SCAN_BYTES + 1), {'source_timestamp': 0}))
+        assert heard == []
+        sent = 0
+
+        def are_heard() -> bool:
+            nonlocal sent
+            sent += 1
+            scans.publish(LaserScan(ranges=[1.0]))
+            return len(heard) >= 2
+
+        wait_until(are_heard, 'two scans')
+        most = 1 + (far.steady.now() - begin) / topic.period
+    assert len(heard) <= most < sent
+    assert [one.topic for one in read_run(tmp_path / 'run.mcap')] == heard

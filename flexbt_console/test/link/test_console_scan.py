@@ -10,20 +10,23 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link import SurroundingsLink
+from flexbt_console.link import SurroundingsFeed, SurroundingsLink
 from flexbt_console.link.scan_link import SCAN_SECONDS
 from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose
 from flexbt_console.ui.screen.glyphs import ASCII
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_core.clock import ManualClock
+from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStructure
 from flexbt_testing.waiting import wait_until
 
 
@@ -190,3 +193,21 @@ def test_the_name_of_a_place_at_the_edge_is_read() -> None:
     shown = MapPane(ASCII).draw(known.view(), 40, 12).plain
     assert 'corridoro' in shown and 'odock' in shown
     assert all(len(line) <= 40 for line in shown.splitlines())
+
+
+@pytest.mark.parametrize(
+    ('topic', 'message', 'field'),
+    [
+        (names.TREE_STRUCTURE, TreeStructure(run_id='x' * 2_000), 'run_id'),
+        (names.TREE_STRUCTURE, TreeStructure(nodes=[TreeNode(uid=1, name='\N{SNOWMAN}' * 100_000)]), 'nodes[0].name'),
+        (names.TREE_STATUS, TreeStatus(statuses=[0] * 200_000), 'statuses'),
+        (names.MAP, OccupancyGrid(header=Header(frame_id='x' * 2_000)), 'frame_id'),
+        (names.PLAN, Path(poses=[PoseStamped()] * 30_000), 'poses'),
+    ],
+)
+def test_what_has_too_much_in_it_is_left_aside(topic: str, message: Any, field: str) -> None:
+    mirror = Mirror(ManualClock())
+    with pytest.raises(LimitExceededError) as raised:
+        SurroundingsFeed(mirror).receivers[topic](message)
+    assert field in str(raised.value) and len(str(raised.value)) < 500
+    assert mirror.view() == Mirror(ManualClock()).view()

@@ -35,19 +35,24 @@ _OTHER_ELEMENTS: Final[dict[str, Any]] = {'boolean': True, 'octet': b'x'}
 """Of types whose sequences are no arrays in Python."""
 
 
-def oversized(message_type: type[Any], most: int = TOO_MUCH) -> Iterator[tuple[str, Any]]:
-    """For each text and list of a message, at any depth: its path, and a message with ``most`` bytes in it alone."""
+def oversized(
+    message_type: type[Any], most: int = TOO_MUCH, elements: int = MOST_ELEMENTS
+) -> Iterator[tuple[str, Any]]:
+    """For each text and list of a message, at any depth: its path, and a message with ``most`` bytes in it alone.
+
+    A list of messages has ``elements`` at most.
+    """
     fields = message_type.get_fields_and_field_types()
     for name, slot in zip(fields, message_type.SLOT_TYPES, strict=True):
-        for path, value in _values(slot, most):
+        for path, value in _values(slot, most, elements):
             yield name + path, message_type(**{name: value})
 
 
-def _values(slot: Any, most: int) -> Iterator[tuple[str, Any]]:
+def _values(slot: Any, most: int, elements: int) -> Iterator[tuple[str, Any]]:
     if isinstance(slot, AbstractString):
         yield '', 'x' * most
     elif isinstance(slot, NamespacedType):
-        for path, message in oversized(_class_of(slot), most):
+        for path, message in oversized(_class_of(slot), most, elements):
             yield f'.{path}', message
     elif isinstance(slot, AbstractSequence) and not isinstance(slot, BoundedSequence):
         element = slot.value_type
@@ -61,8 +66,8 @@ def _values(slot: Any, most: int) -> Iterator[tuple[str, Any]]:
             yield '', ['x' * 95] * (most // 100)
         else:
             one = _class_of(element)()
-            yield '', [one] * min(MOST_ELEMENTS, math.ceil(most / len(serialize_message(one))))
-        for path, value in _values(element, most):
+            yield '', [one] * min(elements, math.ceil(most / len(serialize_message(one))))
+        for path, value in _values(element, most, elements):
             yield f'[0]{path}', [value]
 
 

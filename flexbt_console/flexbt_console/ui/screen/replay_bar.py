@@ -29,7 +29,10 @@ MOVES: Final = {
 }
 """What each key does on the time line."""
 
-HELP: Final = 'space plays  , . step  Home End 10 s  [ ] speed  :/TEXT finds  q quits'
+HELP: Final = ('q quits', 'space plays', ', . step', '[ ] speed', ':/TEXT finds', 'Home End 10 s')
+"""As many of them as there is room for beside a line of LEAST cells."""
+
+LEAST: Final = 10
 
 
 class Player(Protocol):
@@ -102,7 +105,12 @@ class ReplayBar:
         player = self.player
         state = 'plays' if self.is_playing else 'stands'
         head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
-        room = max(4, columns - len(head) - len(HELP) - 5)
+        room = columns - len(head) - 3
+        told = ''
+        for one in HELP:
+            if len(one) + 2 <= room - LEAST:
+                told, room = f'{told}  {one}', room - len(one) - 2
+        room = max(4, room)
         place = round(player.time / player.duration * (room - 1)) if player.duration else 0
         line = '-' * place + '|' + '-' * (room - 1 - place)
-        return styled([Line(cut(f'{head}[{line}]  {HELP}', columns), Tone.PLAIN)])
+        return styled([Line(cut(f'{head}[{line}]{told}', columns), Tone.PLAIN)])
