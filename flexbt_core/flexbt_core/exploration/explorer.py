@@ -227,7 +227,7 @@ class _Exploration:
         # What is wrong may be why something is never reached: after it nothing was followed.
         is_known = self._is_complete and not self._found.violations
         for missing in sorted(system.promised() - system.covered()) if is_known else ():
-            text = f'"{missing}" can never be reached: nothing that can happen leads to it'
+            text = f'{missing} is never reached: nothing that can happen leads to it'
             self._note(Violation(Property.REACHABLE, missing, text), ())
         for violation in system.idle() if is_known else ():
             self._note(violation, ())

@@ -176,7 +176,7 @@ class Graph:
     def _shortest(self, keys: set[bytes], position: Callable[[tuple[Move, ...]], str]) -> tuple[tuple[Move, ...], str]:
         """The shortest way to one of them, and where that is. Of several as short: the one that was found first."""
         way = self.way_to(next(key for key in self._from if key in keys))
-        return way, position(way)
+        return way, position(way) if way else 'the beginning'
 
     def _open(self, key: bytes) -> bool:
         """Whether it is not known what follows."""

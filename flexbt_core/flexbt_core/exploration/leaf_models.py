@@ -29,7 +29,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, FAILURE, NO_DEFAULT, RUNNING, SUCCESS, PortType
-from flexbt_core.monitors import Violation
+from flexbt_core.monitors import Property, Violation
 from flexbt_core.skills import Skill
 
 from .choices import Choices
@@ -116,7 +116,7 @@ class Environment:
 
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
-    ``answers`` were given in the step that is under way.
+    ``answers`` were given in the step that is under way. ``due`` is when an attempt has to be given up, by its skill.
     """
 
     def __init__(self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None]) -> None:
@@ -127,6 +127,7 @@ class Environment:
         self.answers: dict[str, int] = {}
         self.values = values
         self.facts = Facts()
+        self.due: dict[str, float] = {}
         self.found = found
 
     def asks(self) -> None:
@@ -139,16 +140,27 @@ class Environment:
         """An action begins to work."""
         self.facts.begins(action.path, action.needs, self.found)
         self.open[action.path] = action
+        if action.declared is not None and action.declared.deadline is not None:
+            self.due[action.path] = action.clock.now() + action.declared.deadline
         action.acts()
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
         """An action has ended by its result."""
         self.open.pop(path, None)
+        self.due.pop(path, None)
+
+    def rests(self, now: float) -> None:
+        """A tick is over: what works on after its deadline is wrong."""
+        for path in [path for path, due in self.due.items() if due <= now]:
+            declared = self.open[path].declared
+            assert declared is not None
+            text = f'{path} works on after {declared.deadline:g} s, when an attempt is to be given up by its skill'
+            self.found(Violation(Property.DEADLINE, path, text))
 
     def cancel(self, action: ModelAction) -> None:
         """An action was halted."""
-        self.open.pop(action.path, None)
+        self.end(action.path)
         if not action.model.ignores_cancel:
             self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
             self.events.append(f'{action.path} is being canceled')

@@ -381,7 +381,8 @@ class MachineSystem:
             self._events.append(f'refused: {refusal}')
 
     def _next_alarm(self) -> float | None:
-        times = [time for time in (self._run.next_wake, self.clock.next_timer()) if time is not None]
+        given = (self._run.next_wake, self.clock.next_timer(), self.requirements.next_due())
+        times = [time for time in given if time is not None]
         return min(times, default=None)
 
     def _check(self) -> None:

@@ -357,7 +357,13 @@ class TreeSystem:
     # -- the host ----------------------------------------------------------------------------------------------------
 
     def _next_alarm(self) -> float | None:
-        times = [time for time in (self._tree.next_wake, self.clock.next_timer()) if time is not None]
+        given = (
+            *self._environment.due.values(),
+            self._tree.next_wake,
+            self.clock.next_timer(),
+            self.requirements.next_due(),
+        )
+        times = [time for time in given if time is not None]
         return min(times, default=None)
 
     def _tick(self) -> None:
@@ -373,6 +379,7 @@ class TreeSystem:
             text = f'the tree wakes itself over and over ({_ROUNDS} ticks in a row) and waits for nothing'
             self._found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
         self._monitor.ticked(status)
+        environment.rests(self.clock.now())
         for node in self._limiters:
             if node.status is RUNNING and node.child.status is not RUNNING:
                 self._withheld.add(node.uid)

@@ -20,6 +20,7 @@ class Property(Enum):
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
     PRECONDITION = 'a leaf begins only where what its skill needs holds'
+    DEADLINE = 'an attempt is given up at the deadline of its skill'
     DATA = 'nothing is read before it is written'
     HALTED = 'a halt halts everything'
     NO_FAULT = 'no node and no state raises'

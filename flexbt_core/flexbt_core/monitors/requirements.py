@@ -8,6 +8,7 @@ Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > out
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -241,7 +242,8 @@ class Requirements:
         elif isinstance(one, Within):
             if event == one.then:
                 self.met.discard(name)
-                self.due.pop(name, None)
+                if self.due.pop(name, math.inf) < self._now() and self.paused_at is None:
+                    self._tell(one, one.event, f'{one.then} has not come {one.seconds:g} s after {one.event}')
             elif one.seconds is None:
                 self.met.add(name)
             elif name not in self.due:

@@ -21,6 +21,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
+from flexbt_core.monitors import parse_requirement
 from flexbt_core.skills import Predicate, Skill
 from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
 
@@ -62,6 +63,10 @@ class Enter(StandIn):
         predicates=[OPEN],
     )
     ports = {'door': input_port(STRING)}
+
+
+class Lift(StandIn):
+    skill = Skill.of(deadline=10.0)
 
 
 class Choose(StandIn):
@@ -121,15 +126,16 @@ class Stalled(Control):
 def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
-    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating, IsOpen, Enter, Choose):
+    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating, IsOpen, Enter, Choose, Lift):
         found.register(kind.__name__, kind)
     return found
 
 
-def system(body: str) -> TreeSystem:
+def system(body: str, *required: str) -> TreeSystem:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
-    return TreeSystem(library, TreeKey('main.xml', 'Main'))
+    requirements = [parse_requirement(text, 'test').requirement for text in required]
+    return TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=requirements)
 
 
 def proved(body: str) -> Report:
@@ -174,6 +180,7 @@ DEFECTS = {
         '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
         Property.REACHABLE,
     ),
+    'not given up': ('<Timeout msec="10001"><Lift/></Timeout>', Property.DEADLINE),
     'lost wake-up': (
         '<Sequence><Drive/><Stalled><Turn/></Stalled></Sequence>',
         Property.NO_DEADLOCK,
@@ -207,6 +214,7 @@ def test_a_defect_is_found_and_replays(body: str, kind: Property) -> None:
 def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed() -> None:
     sound = (
         '<Enter door="front"/>',
+        '<Sequence><Timeout msec="10000"><Lift/></Timeout><Timeout msec="60000"><Turn/></Timeout></Sequence>',
         '<Sequence><IsOpen door="front"/><Enter door="front"/></Sequence>',
         '<Sequence><Inverter><IsOpen door="back"/></Inverter><Enter door="front"/></Sequence>',
         '<Sequence><Inverter><IsOpen door="front"/></Inverter><Turn/><Enter door="front"/></Sequence>',
@@ -225,6 +233,15 @@ def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed
 def test_a_limit_that_is_asked_again_makes_a_difference() -> None:
     again = '<PipelineSequence><RateController hz="1.0"><Plan/></RateController><Drive/></PipelineSequence>'
     assert proved(again).holds
+
+
+@pytest.mark.parametrize('body', ['<Drive name="drive"/>', '<Timeout msec="9001"><Drive name="drive"/></Timeout>'])
+def test_what_is_required_in_time_is_missed_when_nothing_else_waits_for_a_time(body: str) -> None:
+    required = 'after drive, drive > halted within 9 s'
+    (found,) = explore(lambda: system(body, required), 'Main', limits=Limits(seconds=600)).counterexamples
+    assert found.violation.text.startswith('drive > halted has not come 9 s after drive')
+    in_time = '<Sequence><Timeout msec="9000"><Inverter><Drive name="drive"/></Inverter></Timeout></Sequence>'
+    assert not replay(lambda: system(in_time, required), found.moves)
 
 
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:

@@ -12,10 +12,13 @@ from flexbt_core.exploration import Counterexample, Progress, Property, Report
 _SHOWN: Final = 20
 _REMEDIES: Final = {
     Property.NO_DEADLOCK: 'have the node call wake() or wake_at(), give it a time limit, or another outcome for that',
-    Property.CAN_END: 'add a transition that leads out of there',
+    Property.CAN_END: 'lead out of there: by a limit of attempts or a Timeout in a tree, by a transition in a machine',
+    Property.REACHABLE: 'leave it out, or mend what keeps it from being used: ports, order of children, control above',
+    Property.POSSIBLE: 'lead back from there, as reactive controls and further attempts do, or do not require it',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
     Property.PRECONDITION: 'bring it about before, and look whether a condition is inverted, or the children swapped',
+    Property.DEADLINE: 'put a Timeout around it that is no longer than the deadline',
     Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',
     Property.RECOVERY: 'have what it waits for confirm a cancel, or end by a time limit',
     Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',
@@ -79,5 +82,7 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
     yield f'    it should be: {kind.value}'
     if kind in _REMEDIES:
         yield f'    remedy: {_REMEDIES[kind]}'
-    yield f'    the shortest way to it ({len(found.moves)} steps):'
+    if not found.moves:
+        return  # what never happens, or is so from the beginning: there is no way to show
+    yield f'    the shortest way to it ({len(found.moves)} step{"" if len(found.moves) == 1 else "s"}):'
     yield from (f'      {line}' for line in found.lines)
