@@ -111,7 +111,7 @@ def _find(name: str) -> CommandSpec:
     if spec is None:
         near = difflib.get_close_matches(name, [spec.name for spec in COMMANDS], n=1)
         hint = f'did you mean {near[0]!r}?' if near else 'see console --help'
-        raise UsageError(f'there is no command {name!r}; {hint}')
+        raise UsageError(f'there is no command {name!r:.80}; {hint}')
     return spec
 
 

@@ -333,5 +333,5 @@ def seconds(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise UsageError(f'{text!r}: expected a number of seconds above 0')
+        raise UsageError(f'{text!r:.80}: expected a number of seconds above 0')
     return number

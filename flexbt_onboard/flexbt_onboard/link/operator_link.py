@@ -127,7 +127,7 @@ class OperatorLink:
                 )
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
-        line = '\n'.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
+        line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
         _log_to_node(self._runtime.node.get_logger(), severity, line)
 
 

@@ -250,11 +250,12 @@ def test_names_and_reasons_cannot_write_to_the_terminal_of_the_robot(
     bench: LoopBench, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bench.start(operator_id='eve\x1b[2J')
-    bench.applied(STOP, operator_id='eve\x1b[2J', reason='\x1b]0;owned\x07\u202e')
+    bench.applied(STOP, operator_id='eve\x1b[2J', reason='\x1b]0;owned\x07\u202e\n[ERROR] lost')
     bench.wait_idle()
     bench.logged('owned')
     told = wait_until(lambda: capfd.readouterr().err, 'the log of the node')
     assert 'owned' in told and not {'\x1b', '\x07', '\u202e'} & set(told)
+    assert '[ERROR] lost' in told and '\n[ERROR] lost' not in told, 'a line of its own'
 
 
 class Asker:
