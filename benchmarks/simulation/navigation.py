@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trips of a robot among moving obstacles on three maps, and what plans and costmaps cost. Without ROS.
+"""Random trips of robots among moving obstacles and doors, and what plans and costmaps cost. Without ROS.
 
-Of each ten trips one has a goal that cannot be reached: in an obstacle, beside the map, or in a closed room. Times are
+Of each ten trips one has a goal that cannot be reached: in an obstacle, beside the map, or in a closed room. The robots
+take turns; each has room to turn on the spot where its goals are. Doorways of rooms have automatic doors. Times are
 those of the processor; the longest wait is how long another thread did not get the interpreter while plans were made.
 
-Usage: python3 benchmarks navigation [--pairs N] [--reach M] [--seed N] [--output FILE.json]
+Usage: python3 benchmarks navigation [--maps NAME...] [--robots NAME...] [--pairs N] [--trips N...] [--reach M]
+       [--seed N] [--pictures DIRECTORY] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -16,20 +18,22 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy
 from _figures import write_figures
+from _maps import MAPS, drawn
 from numpy.typing import NDArray
 
 from flexbt_sim.errors import NavigationError, SimulationError
 from flexbt_sim.navigation import (
     Costmap,
+    FollowerLimits,
     GridPlanner,
     Inflation,
     LayeredCostmap,
@@ -37,90 +41,50 @@ from flexbt_sim.navigation import (
     Observation,
     prepare_navigation,
 )
-from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, WalkModel, World, wrap
+from flexbt_sim.world import (
+    MODELS,
+    Circle,
+    DoorModel,
+    ObstacleModel,
+    OccupancyMap,
+    Pose,
+    RobotModel,
+    Trace,
+    WalkModel,
+    World,
+    box,
+    draw_world,
+    wrap,
+)
 
-Cells = NDArray[numpy.int8]
 WALKERS = 6
 """Moving obstacles between start and goal."""
 
-
-def rooms(cells: Cells, resolution: float, random: numpy.random.Generator) -> None:
-    """Rooms with walls of 0.15 m and doors of 0.9 to 1.2 m, each reached from another one."""
-    thick = round(0.15 / resolution)
-
-    def divide(bottom: int, top: int, left: int, right: int) -> None:
-        height, width = top - bottom, right - left
-        if max(height, width) * resolution < 7.0:
-            return
-        door = round(random.uniform(0.9, 1.2) / resolution)
-        share = random.uniform(0.35, 0.65)
-        if height > width:
-            at = bottom + round(share * height)
-            cells[at : at + thick, left:right] = 100
-            begin = int(random.integers(left + 4, right - door - 4))
-            cells[at : at + thick, begin : begin + door] = 0
-            divide(bottom, at, left, right)
-            divide(at + thick, top, left, right)
-        else:
-            at = left + round(share * width)
-            cells[bottom:top, at : at + thick] = 100
-            begin = int(random.integers(bottom + 4, top - door - 4))
-            cells[begin : begin + door, at : at + thick] = 0
-            divide(bottom, top, left, at)
-            divide(bottom, top, at + thick, right)
-
-    divide(0, cells.shape[0], 0, cells.shape[1])
-
-
-def warehouse(cells: Cells, resolution: float, random: numpy.random.Generator) -> None:
-    """Shelves with aisles, and pallets in these."""
-    for row in range(80, cells.shape[0] - 60, 90):
-        for column in range(60, cells.shape[1] - 150, 200):
-            cells[row : row + 30, column : column + 150] = 100
-    blocks(cells, resolution, random, 60, 0.8)
-
-
-def clutter(cells: Cells, resolution: float, random: numpy.random.Generator) -> None:
-    """Blocks of all sizes anywhere."""
-    blocks(cells, resolution, random, round(cells.size * resolution**2 / 12.0), 2.5)
-
-
-def blocks(cells: Cells, resolution: float, random: numpy.random.Generator, count: int, size: float) -> None:
-    """Rectangles of sides of up to ``size`` m."""
-    for row, column in random.integers(0, cells.shape, (count, 2)).tolist():
-        height, width = random.integers(2, round(size / resolution), 2).tolist()
-        cells[row : row + height, column : column + width] = 100
-
-
-MAPS: dict[str, tuple[Callable[..., None], tuple[int, int], float]] = {
-    'rooms': (rooms, (400, 400), 0.05),
-    'warehouse': (warehouse, (1674, 1006), 0.03),
-    'clutter': (clutter, (2000, 2000), 0.05),
+ROBOTS: dict[str, RobotModel] = {
+    'burger': MODELS['burger'],
+    'waffle': MODELS['waffle'],
+    'cart': replace(MODELS['waffle'], footprint=box(0.6, 0.4)),
 }
 
 
-def drawn(name: str, seed: int) -> OccupancyMap:
-    """A map, with a closed room in its corner, that seeds tell apart."""
-    draw, shape, resolution = MAPS[name]
-    cells = numpy.zeros(shape, numpy.int8)
-    draw(cells, resolution, numpy.random.default_rng(seed))
-    cells[:60, :60] = 0
-    cells[58:60, :60] = cells[:60, 58:60] = 100
-    cells[:2] = cells[-2:] = cells[:, :2] = cells[:, -2:] = 100
-    return OccupancyMap(cells, resolution, Pose(-5.0, -3.0, 0.0))
+def _largest(regions: NDArray[numpy.int32]) -> NDArray[numpy.bool_]:
+    return regions == int(numpy.bincount(regions[regions > 0]).argmax())
 
 
 class Places:
     """Draws places on a map."""
 
-    def __init__(self, costmap: Costmap, seed: int) -> None:
+    def __init__(self, costmap: Costmap, room_to_turn: Costmap) -> None:
+        """On both costmaps, those with room to turn; what is closed is so on the first."""
         self._costmap = costmap
-        self._random = numpy.random.default_rng(seed)
-        regions = costmap.regions
-        self._largest = int(numpy.bincount(regions[regions > 0]).argmax())
-        self._free = numpy.argwhere(regions == self._largest)
-        self._closed = numpy.argwhere((regions > 0) & (regions != self._largest))
+        self.begin(0)
+        self._free = numpy.argwhere(_largest(room_to_turn.regions))
+        self._closed = numpy.argwhere((costmap.regions > 0) & ~_largest(costmap.regions))
         self._occupied = numpy.argwhere(costmap.obstacles)
+
+    def begin(self, seed: int) -> None:
+        """What is drawn from now on does not depend on what was drawn before."""
+        self._random = numpy.random.default_rng(seed)
 
     def _pose(self, cells: NDArray[numpy.int64]) -> Pose:
         row, column = cells[self._random.integers(len(cells))].tolist()
@@ -175,14 +139,40 @@ class Result:
         }
 
 
-def drive(name: str, costmap: Costmap, pairs: int, reach: float, seed: int) -> Result:
+class Course:
+    """A map with its doors, for one robot."""
+
+    def __init__(self, robot: str, known: OccupancyMap, doors: list[DoorModel]) -> None:
+        self.model = ROBOTS[robot]
+        self.costmap = Costmap(known, Inflation.of(self.model.footprint))
+        self.limits = FollowerLimits(speed=min(FollowerLimits.speed, self.model.drive.linear_speed))
+        self._doors = doors
+        self.places = Places(self.costmap, Costmap(known, Inflation(self.costmap.inflation.outer_radius)))
+
+    def world(self, start: Pose, seed: int) -> World:
+        """With the robot at a place. Raises SimulationError where a door is."""
+        world = World(self.costmap.world, seed=seed)
+        for number, door in enumerate(self._doors):
+            world.add(f'door{number}', door)
+        world.add('robot', self.model, start)
+        return world
+
+
+def drive(
+    name: str, courses: list[Course], trips: Iterable[int], reach: float, seed: int, pictures: Path | None
+) -> Result:
     """Random trips on a map."""
-    places, result = Places(costmap, seed), Result()
-    for number in range(pairs):
+    result = Result()
+    for number in trips:
+        course = courses[number % len(courses)]
+        places = course.places
+        places.begin(seed + number)
         start = places.free()
-        world = World(costmap.world, seed=seed + number)
-        world.add('robot', RobotModel(), start)
-        navigator = Navigator(world, 'robot', costmap)
+        try:
+            world = course.world(start, seed + number)
+        except SimulationError:
+            continue
+        navigator = Navigator(world, 'robot', course.costmap, course.limits)
         if number % 10 == 9:
             goal, code = places.impossible(number // 10)
             trip = navigator.navigate(goal)
@@ -194,6 +184,8 @@ def drive(name: str, costmap: Costmap, pairs: int, reach: float, seed: int) -> R
             continue
         goal = places.free_near(start, 1.0, reach)
         add_walkers(world, places, start, goal)
+        trace = Trace(world)
+        navigator.on_step = every(1.0, world, trace.record)
         began = time.process_time()
         trip = navigator.navigate(goal, timeout=1800.0)
         result.spent += time.process_time() - began
@@ -209,7 +201,24 @@ def drive(name: str, costmap: Costmap, pairs: int, reach: float, seed: int) -> R
                 f'{name} {number}: {trip.code or "ended"} at {there.distance(goal):.2f} m from the goal, '
                 f'{trip.contacts} contacts: {trip.errors[-2:]}'
             )
+            if pictures is not None:
+                pictures.mkdir(parents=True, exist_ok=True)
+                plan = {'robot': [(start.x, start.y), (goal.x, goal.y)]}
+                draw_world(world, trace, paths=plan, pixels=3000).save(pictures / f'{name}_{number}.png')
     return result
+
+
+def every(period: float, world: World, do: Callable[[], None]) -> Callable[[], None]:
+    """Do something once in each period of simulated time, s."""
+    done = -math.inf
+
+    def step() -> None:
+        nonlocal done
+        if world.time - done >= period:
+            done = world.time
+            do()
+
+    return step
 
 
 def add_walkers(world: World, places: Places, start: Pose, goal: Pose) -> None:
@@ -227,9 +236,9 @@ def add_walkers(world: World, places: Places, start: Pose, goal: Pose) -> None:
                     continue
 
 
-def measure(costmap: Costmap, seed: int) -> dict[str, float]:
+def measure(course: Course) -> dict[str, float]:
     """What plans and costmaps cost, ms of the processor; the longest wait of another thread, ms of the wall clock."""
-    places = Places(costmap, seed)
+    costmap, places = course.costmap, course.places
     plans: list[float] = []
     with waits() as longest:
         for _ in range(30):
@@ -246,7 +255,7 @@ def measure(costmap: Costmap, seed: int) -> dict[str, float]:
     updates = []
     for _ in range(50):
         robot = places.free()
-        ranges = numpy.random.default_rng(seed).uniform(0.5, 3.5, 360)
+        ranges = numpy.random.default_rng(1).uniform(0.5, 3.5, 360)
         observation = Observation(robot, angles, ranges)
         updates.append(timed(partial(layers.observe, observation, robot)))
     return {
@@ -289,18 +298,24 @@ def waits() -> Iterator[list[float]]:
 def main() -> int:
     """Measure, and print; 1 when fewer than 99 % of the goals are reached, something is touched or a code is wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--maps', nargs='+', choices=MAPS, default=list(MAPS))
+    parser.add_argument('--robots', nargs='+', choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument('--pairs', type=int, default=500, help='on all maps together')
+    parser.add_argument('--trips', type=int, nargs='+', help='only these, by their numbers on each map')
     parser.add_argument('--reach', type=float, default=15.0, help='distance of start and goal at most, m')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--pictures', type=Path, help='a directory for a picture of each trip that failed')
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
     prepare_navigation()
     figures: dict[str, Any] = {}
     total: Counter[str] = Counter()
-    for name in MAPS:
-        costmap = Costmap(drawn(name, options.seed), Inflation())
-        result = drive(name, costmap, math.ceil(options.pairs / len(MAPS)), options.reach, options.seed)
-        figures[name] = {**result.as_figures(), **measure(costmap, options.seed)}
+    for name in options.maps:
+        known, doors = drawn(name, options.seed)
+        courses = [Course(robot, known, doors) for robot in options.robots]
+        trips = options.trips or range(math.ceil(options.pairs / len(options.maps)))
+        result = drive(name, courses, trips, options.reach, options.seed, options.pictures)
+        figures[name] = {**result.as_figures(), **measure(courses[0])}
         for key in ('trips', 'reached', 'contacts', 'impossible', 'refused'):
             total[key] += figures[name][key]
         print(name, ', '.join(f'{key} {value}' for key, value in figures[name].items() if key != 'failures'))

@@ -154,26 +154,44 @@ class Costmap:
 
     def _touched(self, pose: Pose) -> int:
         """How many obstacle cells the polygon touches."""
+        gaps = self._outline_gaps(pose, self.inflation.outer_radius)
+        return int(numpy.count_nonzero(gaps < self.world.resolution * math.sqrt(0.5)))
+
+    def gap_seen(self, pose: Pose, within: float) -> float:
+        """Distance, m, from the robot to the nearest obstacle that was seen and is not on the map: it may move.
+
+        Negative where they overlap, infinite where none is nearer than ``within``. For a circle exactly, for a polygon
+        up to a fifth of a cell too small.
+        """
+        inflation = self.inflation
+        if inflation.corners:
+            gaps = self._outline_gaps(pose, inflation.outer_radius + within, on_map=False)
+            least = float(gaps.min(initial=math.inf)) - self.world.resolution * math.sqrt(0.5)
+        else:
+            radius = inflation.robot_radius
+            least = self._distance(pose.x, pose.y, radius + within, on_map=False) - radius
+        return least if least < within else math.inf
+
+    def _outline_gaps(self, pose: Pose, reach: float, on_map: bool | None = None) -> NDArray[numpy.float64]:
+        """Distances, m, from the polygon to the centres of obstacle cells, negative inside; of all that are no farther
+        than ``reach`` from the robot, and more.
+        """
         world = self.world
         row, column = world.grid_position(pose.x, pose.y)
-        reach = self.inflation.outer_radius / world.resolution + 1.0
-        bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
-        near = self.obstacles[bottom : max(0, math.ceil(row + reach)), left : max(0, math.ceil(column + reach))]
-        rows, columns = numpy.nonzero(near)
+        rows, columns = self._cells_near(row, column, reach / world.resolution + 1.0, on_map)
         # The centres of the cells as the robot sees them, m.
         turn = complex(0.0, world.origin.yaw - pose.yaw)
-        offset = (columns + (left + 0.5 - column)) + 1j * (rows + (bottom + 0.5 - row))
+        offset = (columns + (0.5 - column)) + 1j * (rows + (0.5 - row))
         cells = offset * (world.resolution * numpy.exp(turn))
         corners = numpy.array([complex(x, y) for x, y in self.inflation.corners])
-        inside = numpy.zeros(len(cells), bool)
-        touched = numpy.zeros(len(cells), bool)
+        gaps, inside = numpy.full(len(cells), math.inf), numpy.zeros(len(cells), bool)
         for a, b in zip(corners, numpy.roll(corners, -1), strict=True):
             share = numpy.clip(((cells - a) * (b - a).conjugate()).real / abs(b - a) ** 2, 0.0, 1.0)
-            touched |= numpy.abs(cells - a - share * (b - a)) < world.resolution * math.sqrt(0.5)
+            gaps = numpy.minimum(gaps, numpy.abs(cells - a - share * (b - a)))
             if a.imag != b.imag:
                 crossing = a.real + (cells.imag - a.imag) / (b.imag - a.imag) * (b.real - a.real)
                 inside ^= ((a.imag > cells.imag) != (b.imag > cells.imag)) & (cells.real < crossing)
-        return int(numpy.count_nonzero(touched | inside))
+        return numpy.where(inside, -gaps, gaps)
 
     def is_free(self, x: float, y: float, radius: float) -> bool:
         """Whether a circle of a radius, m, round a point overlaps no obstacle; on the map exactly."""
@@ -191,22 +209,24 @@ class Costmap:
         """Whether a circle overlaps no obstacle of the static map, whatever else was seen."""
         return self._distance(x, y, radius, on_map=True) >= radius
 
-    def clearance_seen(self, x: float, y: float, within: float) -> float:
-        """As :meth:`clearance`, of the obstacles that were seen and are not on the map: they may move."""
-        return self._distance(x, y, within, on_map=False)
-
     def _distance(self, x: float, y: float, within: float, on_map: bool | None = None) -> float:
         row, column = self.world.grid_position(x, y)
-        reach = within / self.world.resolution + 1.0
+        rows, columns = self._cells_near(row, column, within / self.world.resolution + 1.0, on_map)
+        gaps = numpy.hypot(_gaps(rows, row), _gaps(columns, column))
+        least = float(gaps.min(initial=math.inf)) * self.world.resolution
+        return least if least < within else math.inf
+
+    def _cells_near(
+        self, row: float, column: float, reach: float, on_map: bool | None
+    ) -> tuple[NDArray[numpy.int64], NDArray[numpy.int64]]:
+        """Rows and columns of the obstacles in a square; of those that are ``on_map``, or are not."""
         bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
         part = (slice(bottom, max(0, math.ceil(row + reach))), slice(left, max(0, math.ceil(column + reach))))
         near = self.world.obstacles[part] if on_map else self.obstacles[part]
         if on_map is False:
             near = near & ~self.world.obstacles[part]
         rows, columns = numpy.nonzero(near)
-        gaps = numpy.hypot(_gaps(rows + bottom, row), _gaps(columns + left, column))
-        least = float(gaps.min(initial=math.inf)) * self.world.resolution
-        return least if least < within else math.inf
+        return rows + bottom, columns + left
 
     def known_distance(self, x: float, y: float) -> float:
         """Distance from the cell of a point to the nearest obstacle, m; infinite beyond the reach of the inflation."""

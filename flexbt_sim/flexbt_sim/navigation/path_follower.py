@@ -33,7 +33,8 @@ SIDE_TIME: Final = 0.4
 """What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
 
 AWAY: Final = 0.25
-"""From what touches it the robot moves away only: for each metre driven so many metres."""
+"""From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
+near when it is no circle and turns, since its corners swing."""
 
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
@@ -79,11 +80,11 @@ class FollowerLimits:
 
 
 class Sight(NamedTuple):
-    """Clearance, m, of what was seen, at a pose and a time, s."""
+    """Gap, m, to what was seen, at a pose and a time, s."""
 
     time: float
     pose: Pose
-    clearance: float
+    gap: float
 
 
 class ProgressChecker:
@@ -196,7 +197,8 @@ class PathFollower:
                 )
             turn = self._turn_by(angle)
             seconds = min(limits.collision_time, abs(angle / turn.angular))
-            return self._wait_for_way(now) if collides(self._costmap, pose, turn, seconds) else turn
+            kept = None if collides(self._costmap, pose, turn, seconds) else self._kept_apart(pose, turn, now)
+            return self._wait_for_way(now) if kept is None else kept
         velocity = self._pursue(pose, now)
         if velocity is None:
             velocity = self._wait_for_way(now)
@@ -276,17 +278,19 @@ class PathFollower:
         Look-ahead finds what is on the arc. This finds what comes from the side, between two scans. For what comes
         nearer by itself the robot stops earlier, by as much as that may move until the robot stands, and waits.
         """
-        radius = self._costmap.inflation.robot_radius
-        reach = radius + SIDE_GAP + SIDE_TIME * (self._limits.speed + FASTEST)
-        here = self._costmap.clearance_seen(pose.x, pose.y, reach)
+        inflation = self._costmap.inflation
+        reach = SIDE_GAP + SIDE_TIME * (self._limits.speed + FASTEST)
+        here = self._costmap.gap_seen(pose, reach)
         closing = self._closing_speed(pose, here, reach, now)
-        if velocity.linear == 0.0 or here >= radius + SIDE_GAP + SIDE_TIME * (velocity.linear + closing):
+        swing = abs(velocity.angular) * inflation.outer_radius if inflation.corners else 0.0
+        speed = velocity.linear + swing
+        if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
-        ahead = drive(pose, *velocity, SIDE_TIME / 2.0)
-        escape = max(closing, AWAY * velocity.linear if here < radius else 0.0) * SIDE_TIME / 2.0
-        if self._costmap.clearance_seen(ahead.x, ahead.y, reach) >= here + escape:
+        ahead = self._costmap.gap_seen(drive(pose, *velocity, SIDE_TIME / 2.0), reach)
+        escape = max(closing, AWAY * speed if here < 0.0 or swing else 0.0) * SIDE_TIME / 2.0
+        if ahead >= here + escape:
             return velocity
-        share = (here - radius - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * velocity.linear)
+        share = (here - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * speed)
         if share > 0.0:
             return Velocity(velocity.linear * min(1.0, share), velocity.angular * min(1.0, share))
         return STOP if closing > 0.0 else None
@@ -300,7 +304,7 @@ class PathFollower:
         if here == math.inf:
             return 0.0
         then = sights[0]
-        nearer = then.clearance - min(reach, self._costmap.clearance_seen(then.pose.x, then.pose.y, reach))
+        nearer = then.gap - min(reach, self._costmap.gap_seen(then.pose, reach))
         return min(FASTEST, max(0.0, nearer - self._costmap.world.resolution) / SIDE_TIME)
 
     def _turn_by(self, angle: float) -> Velocity:

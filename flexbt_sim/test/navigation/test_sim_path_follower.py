@@ -16,7 +16,7 @@ from sim_maps import drawn, free_places, worlds
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
-from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, compose, wrap
+from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, box, compose, wrap
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)
@@ -154,6 +154,18 @@ def test_patience_does_not_begin_anew_with_each_path() -> None:
     with pytest.raises(NavigationError) as raised:
         PathFollower(path, costmap, limits, motion).step(stopped, 1.1)
     assert raised.value.code == 'PATIENCE_EXCEEDED'
+
+
+def test_corners_are_kept_apart_from_what_was_seen_beside_them() -> None:
+    """And may move: it is 4 cm from the corner of a cart that drives past it, and 22 cm from the circle within."""
+    seen = OPEN.obstacles.copy()
+    seen[OPEN.cell(3.33, 3.27)] = True
+    costmap = Costmap(OPEN, Inflation.of(box(0.6, 0.4)), seen)
+    path = line((3.0, 3.0), (6.0, 3.0))
+    freely = PathFollower(path, Costmap(OPEN, costmap.inflation), FOLLOWER).step(path[0], 0.0)
+    beside = PathFollower(path, costmap, FOLLOWER).step(path[0], 0.0)
+    assert freely is not None and freely.linear == FOLLOWER.speed
+    assert beside is not None and 0.0 <= beside.linear < FOLLOWER.speed / 2.0
 
 
 def test_beside_the_map_there_is_no_way() -> None:
