@@ -31,6 +31,7 @@ setup(
         'console_scripts': [
             'simulator = flexbt_sim.executables:simulator',
             'navigation = flexbt_sim.executables:navigation',
+            'simulation = flexbt_sim.executables:simulation',
             'world_tool = flexbt_sim.world_tool:main',
         ],
     },

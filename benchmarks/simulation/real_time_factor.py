@@ -4,7 +4,7 @@
 Simulator (as fast as possible), navigation, BT server and executive are processes of their own; a client plans ways
 through the rooms and has them followed.
 
-Usage: python3 benchmarks real_time_factor [--seconds S] [--factor F] [--odom-rate HZ] [--output FILE.json]
+Usage: python3 benchmarks real_time_factor [--composed] [--seconds S] [--factor F] [--odom-rate HZ] [--output FILE.json]
 """
 
 from __future__ import annotations
@@ -85,6 +85,7 @@ def main() -> int:
     """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seconds', type=float, default=20.0, help='least wall time of the drive')
+    parser.add_argument('--composed', action='store_true', help='simulator and navigation in one process')
     parser.add_argument('--factor', type=float, default=0.0)
     parser.add_argument('--odom-rate', type=float, default=20.0, help='Hz; the rate of the control, 20 Hz with Nav2')
     parser.add_argument('--output', type=Path)
@@ -92,7 +93,13 @@ def main() -> int:
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         with Stack(Path(directory)) as stack, NodeRuntime.open('driver') as runtime:
-            stack.start_all({'speed_factor': str(options.factor), 'odom_rate': str(options.odom_rate)})
+            settings = {'speed_factor': str(options.factor), 'odom_rate': str(options.odom_rate)}
+            if options.composed:
+                stack.start('simulation', settings)
+                for name in ('bt_server', 'onboard_executive'):
+                    stack.start(name)
+            else:
+                stack.start_all(settings)
             client = Client(runtime, '', 'robot')
             places = cycle(PLACES)
             client.drive(*next(places))  # everything is there, and compiled

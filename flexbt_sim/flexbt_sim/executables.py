@@ -12,3 +12,8 @@ def simulator() -> int:
 def navigation() -> int:
     """See :mod:`flexbt_sim.nodes.navigation_servers`; gives the exit code."""
     return run_main('flexbt_sim.nodes.navigation_servers')
+
+
+def simulation() -> int:
+    """See :mod:`flexbt_sim.simulation`; gives the exit code."""
+    return run_main('flexbt_sim.simulation')

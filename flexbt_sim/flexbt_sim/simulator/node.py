@@ -157,6 +157,11 @@ class Simulator:
 
     # -- for the services --------------------------------------------------------------------------------------------
 
+    @property
+    def namespaces(self) -> list[str]:
+        """Where the topics of the robots are, within that of the node: '' or 'robot1/'."""
+        return [topics.namespace for topics in self._robots.values()]
+
     def stamp(self) -> Time:
         """The time of the clock."""
         seconds, nanoseconds = divmod(self.world.nanoseconds - self._began, 1_000_000_000)

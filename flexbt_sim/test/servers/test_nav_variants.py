@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from geometry_msgs.msg import TwistStamped
 from nav2_msgs.action import FollowPath
 
@@ -10,6 +12,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import seconds_of
+from flexbt_sim.simulation import Simulation
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
@@ -41,6 +44,31 @@ def test_a_robot_in_a_namespace_with_stamped_commands_is_driven_as_fast_as_possi
         driven = [seen for seen in probe.sightings if began <= seen.time <= rest.time]
         assert max(probe.speeds(driven)) > 0.9 * DriveModel().linear_speed
         assert began <= seconds_of(commands[-1].header.stamp) <= probe.now.time
+
+
+ROBOTS = """
+plan: {rooms: [{from: [0, 0], to: [8, 6]}]}
+robots: {alpha: {pose: [1, 1, 0]}, beta: {pose: [1, 4, 0]}}
+"""
+
+
+def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> None:
+    world = tmp_path / 'two.yaml'
+    world.write_text(ROBOTS, encoding='utf-8')
+    with (
+        without_faults(names.SIMULATOR, namespace='/fleet', parameters=FAST | {'world': str(world)}) as simulator,
+        without_faults('one', namespace='/fleet/alpha') as one,
+        without_faults('other', namespace='/fleet/beta') as other,
+    ):
+        probes = [Probe(one), Probe(other)]
+        Simulation(simulator, ['--ros-args', '-p', 'desired_linear_vel:=0.2'])
+        places = [(4.0, 1.0), (3.0, 4.0)]
+        paths = [probe.plan(place).result.path for probe, place in zip(probes, places, strict=True)]
+        goals = [probe.follow(path) for probe, path in zip(probes, paths, strict=True)]
+        assert [goal.wait().status for goal in goals] == [GoalStatus.SUCCEEDED] * 2
+        for probe, place in zip(probes, places, strict=True):
+            assert probe.wait_at_rest().distance(place) < 0.15
+            assert 0.18 < max(probe.speeds(probe.sightings)) < 0.21
 
 
 def test_a_robot_that_gets_nowhere_fails_to_make_progress() -> None:

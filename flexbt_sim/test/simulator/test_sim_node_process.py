@@ -59,7 +59,7 @@ def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
         ('navigation', 'use_sim_time:=true'),
         ('simulator', 'speed_factor:=1.0'),
         ('simulator', 'speed_factor:=0.0001'),
-        ('simulator', 'speed_factor:=0.0'),  # which takes all of a processor
+        ('simulation', 'speed_factor:=0.0'),  # which takes all of a processor
     ):
         running.append(start(executable, setting))
         assert running[-1].stderr is not None

@@ -21,6 +21,7 @@ from flexbt_testing.waiting import uncontended_time
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',
+    'simulation': 'flexbt_sim',
     'navigation': 'flexbt_sim',
     'bt_server': 'flexbt_server',
     'onboard_executive': 'flexbt_onboard',
@@ -101,7 +102,7 @@ class Stack:
         """
         self._starts += 1
         namespace, _, base = name.rpartition('/')
-        settings = {} if base == 'simulator' else {'use_sim_time': 'true'}
+        settings = {} if base in ('simulator', 'simulation') else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
             settings['event_log_directory'] = str(self.directory)
         words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
