@@ -72,7 +72,7 @@ def main() -> int:
             # The stack shows what its processes have said.
             with (
                 contextlib.redirect_stdout(io.StringIO()),
-                Stack(logs, can_be_held_up=how == 'hang') as stack,
+                Stack(logs, can_be_held_up=how == 'hang', forked=False) as stack,
                 NodeRuntime.open('probe') as runtime,
             ):
                 stack.start_all()

@@ -31,7 +31,7 @@ def main() -> int:
     options = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        with Stack(Path(directory)) as stack:
+        with Stack(Path(directory), forked=False) as stack:
             stack.start_all()
             with NodeRuntime.open('probe') as runtime:
                 Probe(runtime).wait_ready()

@@ -92,7 +92,7 @@ def main() -> int:
     options = parser.parse_args()
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
-        with Stack(Path(directory)) as stack, NodeRuntime.open('driver') as runtime:
+        with Stack(Path(directory), forked=False) as stack, NodeRuntime.open('driver') as runtime:
             settings = {'speed_factor': str(options.factor), 'odom_rate': str(options.odom_rate)}
             if options.composed:
                 stack.start('simulation', settings)

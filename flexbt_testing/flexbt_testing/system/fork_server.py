@@ -79,6 +79,7 @@ class ForkServer:
     """
 
     def __init__(self, module: str, *prepared: str) -> None:
+        self._module = module
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             words = [sys.executable, '-m', __name__, str(other.fileno()), module, *prepared]
@@ -104,10 +105,12 @@ class ForkServer:
         self._process.wait()
 
     def _ask(self, request: Mapping[str, Any], files: Sequence[int] = ()) -> int:
-        socket.send_fds(self._socket, [json.dumps(request).encode()], files)
-        answer = self._socket.recv(_MAX_REQUEST)
+        answer = b''
+        with contextlib.suppress(ConnectionError):
+            socket.send_fds(self._socket, [json.dumps(request).encode()], files)
+            answer = self._socket.recv(_MAX_REQUEST)
         if not answer:
-            raise RuntimeError(f'the fork server has ended, exit code {self._process.wait()}')
+            raise RuntimeError(f'the fork server of {self._module} has ended, exit code {self._process.wait()}')
         return int(answer)
 
 
