@@ -5,6 +5,8 @@
 The screen runs in this process, on a terminal of Textual's own without a display: what is measured is from the key to
 the drawn screen, without the terminal. Each robot has a state machine of 12 states, a tree of 40 nodes and a map; its
 status changes `--rate` times a second.
+
+And what goes over the connection of the terminal for each status of a robot that drives.
 """
 
 from __future__ import annotations
@@ -126,6 +128,30 @@ async def measure(count: int, rate: float, rounds: int, size: tuple[int, int]) -
     return {'median ms': statistics.median(taken), '95 % ms': statistics.quantiles(taken, n=20)[-1]}
 
 
+async def traffic(count: int, size: tuple[int, int]) -> float:
+    """Bytes to the terminal for each of so many statuses of one robot that drives."""
+    clock = SteadyClock()
+    robots = Robots(1, clock)
+    mirror, robot = robots.select(robots.own)
+    app = OperatorScreen(mirror, robot, CommandBuilder('ann'), 5.0, clock, 'stays')
+    written = 0
+
+    def write(screen: Any, update: Any) -> None:
+        nonlocal written
+        written += len(update.render_segments(app.console).encode())
+
+    async with app.run_test(size=size) as pilot:
+        robot.change()
+        app.draw()
+        await pilot.pause()
+        app._display = write  # type: ignore[method-assign, assignment]
+        for _ in range(count):
+            robot.change()
+            app.draw()
+            await pilot.pause()
+    return written / count
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--robots', type=int, default=50)
@@ -140,6 +166,9 @@ def main() -> int:
         for count in (1, arguments.robots)
         for columns, rows in ((80, 24), (200, 60))
     }
+    for columns, rows in ((80, 24), (200, 60)):
+        written = asyncio.run(traffic(10 * arguments.rounds, (columns, rows)))
+        figures[f'drives, {columns} x {rows}'] = {'bytes a status': written}
     print(json.dumps(figures, indent=2))
     write_figures(arguments.output, figures)
     return 0

@@ -474,6 +474,21 @@ def test_an_idle_screen_draws_nothing() -> None:
     on_screen(robot, steps)
 
 
+def test_an_ascii_screen_has_ascii_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('FLEXBT_ASCII', '1')
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert '>' in text_of(app) and text_of(app).isascii()
+        for key in ('f', 'n'):
+            await pilot.press(key)
+            await seen(robot, pilot)
+            assert text_of(app).isascii(), key
+            await pilot.press('escape')
+
+    robot = Robot()
+    on_screen(robot, steps, (120, 36))
+
+
 class Terminal:
     """What a terminal shows of what is written to it: moves, newlines, and characters of one or two cells."""
 

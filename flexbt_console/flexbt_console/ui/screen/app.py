@@ -132,6 +132,9 @@ class OperatorScreen(App[None]):
                background: $surface; }}
     .wide {{ width: 100%; max-width: 100%; }}
     .dim {{ text-style: dim; }}
+    .ascii #map {{ border-left: ascii $primary-darken-2; }}
+    .ascii #decision, .ascii #log {{ border-top: ascii $primary-darken-2; }}
+    .ascii .dialog, .ascii OptionList, .ascii .dialog Input, .ascii SelectCurrent {{ border: ascii $primary; }}
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(','.join(key.keys), f'press("{key.action}")', show=False) for key in KEYS if key.action != 'pick'),
@@ -165,6 +168,8 @@ class OperatorScreen(App[None]):
         self._clock = clock
         self._leaving = leaving
         self._signs = glyphs()
+        if not self._signs.has_braille:
+            self.add_class('ascii')
         self._map = MapPane(self._signs)
         self._picking = Picking(clock)
         self._attention = Attention(clock)
