@@ -35,7 +35,7 @@ def register(registry):
 
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stack, Probe]]:
-    with Stack(tmp_path_factory.mktemp('system'), forked=False) as stack, NodeRuntime.open('probe') as runtime:
+    with Stack(tmp_path_factory.mktemp('system')) as stack, NodeRuntime.open('probe') as runtime:
         yield stack, Probe(runtime)
 
 
