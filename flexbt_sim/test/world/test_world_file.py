@@ -87,6 +87,13 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
             'model: berger',
             "there is no model 'berger' before this; do you mean 'burger'?",
         ),
+        (
+            '{model: burger',
+            '{model: [burger]',
+            'model: [',
+            "robots.alpha.model: there is no model ['burger'] before this",
+        ),
+        ('seed: 3', '"\\e[2J": 3', '"', '\\e[2J: there is no such key'),
         ('slip: 0.05', 'slip: much', 'slip', "models.courier.drive.slip: expected a number, got 'much'"),
         ('pose: [1, 2, 0]', 'pose: [1, 2]', 'pose: [1, 2]', 'robots.beta.pose: expected a list of 3 numbers'),
         ('pose: [1, 2, 0], ', '', 'beta', "robots.beta: 'pose' is missing"),

@@ -18,11 +18,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
+from flexbt_core.values import one_line
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
 
 NAME: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,62}')
 """Names of entities: a robot's is its ROS namespace."""
+
+_WIDTH: Final = 300
+"""Characters of a path that people are shown."""
 
 Path = tuple[str | int, ...]
 """Where a value is: the keys and indices that lead to it."""
@@ -50,8 +54,8 @@ class Problem:
 
     @property
     def where(self) -> str:
-        """The path as text: ``robots.alpha.pose``."""
-        return '.'.join(map(str, self.path))
+        """The path as text, harmless for a terminal: ``robots.alpha.pose``."""
+        return one_line('.'.join(map(str, self.path)), _WIDTH)
 
 
 def key(text: str, default: Any = dataclasses.MISSING, **details: Any) -> Any:

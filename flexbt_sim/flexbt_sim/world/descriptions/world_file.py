@@ -205,9 +205,9 @@ class _Reader:
             self._problems.append(Problem(path, f'expected a mapping, got {shown(value)}'))
             return None
         base = value.get(base_key, 'waffle')
-        if base not in models:
+        if not isinstance(base, str) or base not in models:
             self._problems.append(
-                Problem((*path, base_key), f"there is no model '{base}' before this{hint(base, models)}")
+                Problem((*path, base_key), f'there is no model {shown(base)} before this{hint(base, models)}')
             )
             return None
         rest = {word: one for word, one in value.items() if word not in (base_key, 'pose')}
