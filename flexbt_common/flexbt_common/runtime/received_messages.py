@@ -124,6 +124,11 @@ class ReceivedMessages:
             callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         return callback
 
+    def take(self) -> None:
+        """Take what has come by now, on the executor thread; stock rclpy takes it when its turn comes."""
+        if self._taker is not None:
+            self._take_all(self.subscription)
+
     def _take_all(self, subscription: Subscription) -> None:
         taker, until = self._taker, time.monotonic() + _TURN_SECONDS
         assert taker is not None

@@ -3,7 +3,8 @@
 
 Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
 another frame. Then it waits until the transform is there, or for so long as it says. Who has to know frames at the
-stamps of the first requests, too, asks for the listener at its start.
+stamps of the first requests, too, asks for the listener at its start. While nobody waits, what comes stays with the
+middleware for up to a second (node_executor.py).
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import check_limits
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.values import MESSAGE, check_limits
 from flexbt_core.errors import FlexbtError
 
 from .buffer import TransformBuffer
@@ -44,19 +45,36 @@ class TransformListener:
     """The transforms of the robot in whose namespace the node is. On the executor thread."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
-        self.buffer = TransformBuffer()
+        self._buffer = TransformBuffer()
         self._runtime = runtime
         self._waiting: list[Callable[[bool], bool]] = []
         node = runtime.node
-        node.create_subscription(TFMessage, names.TF, partial(self._hear, is_static=False), QoSProfile(depth=100))
-        node.create_subscription(
-            TFMessage, names.TF_STATIC, partial(self._hear, is_static=True), names.latched(BROADCASTERS)
-        )
+        self._messages = [
+            ReceivedMessages(
+                node,
+                TFMessage,
+                topic,
+                qos,
+                partial(self._hear, is_static=is_static),
+                MESSAGE,
+                is_awaited=lambda: bool(self._waiting),
+            )
+            for topic, qos, is_static in (
+                (names.TF_STATIC, names.latched(BROADCASTERS), True),
+                (names.TF, QoSProfile(depth=100), False),
+            )
+        ]
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         # Kept, since the jumps are told for as long as it is.
         self._jumps = node.get_clock().create_jump_callback(
-            threshold, post_callback=lambda _jump: runtime.post(self.buffer.clear)
+            threshold, post_callback=lambda _jump: runtime.post(lambda: self.buffer.clear())
         )
+
+    @property
+    def buffer(self) -> TransformBuffer:
+        """What is known by now."""
+        self._take()
+        return self._buffer
 
     @classmethod
     def of(cls, runtime: NodeRuntime) -> TransformListener:
@@ -100,7 +118,7 @@ class TransformListener:
 
         def attempt(is_last: bool) -> bool:
             try:
-                transform = self.buffer.lookup(target, source, time)
+                transform = self._buffer.lookup(target, source, time)
             except TransformError as error:
                 if error.is_early and not is_last:
                     return False
@@ -109,24 +127,31 @@ class TransformListener:
             on_transform(transform)
             return True
 
+        self._take()
         if attempt(timeout <= 0.0):
             return
         self._waiting.append(attempt)
         steady = self._runtime.steady
         steady.call_at(steady.now() + timeout, lambda: self._runtime.post(lambda: self._end(attempt)))
 
+    def _take(self) -> None:
+        for messages in self._messages:
+            messages.take()
+
     def _end(self, attempt: Callable[[bool], bool]) -> None:
+        self._take()
         if attempt in self._waiting:
             self._waiting.remove(attempt)
             attempt(True)
 
-    def _hear(self, message: TFMessage, is_static: bool) -> None:
+    def _hear(self, received: Received, is_static: bool) -> None:
         try:
+            message = received.unpack(TFMessage)
             check_limits(message)
             for stamped in message.transforms:
                 parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
-                self.buffer.set(parent, frame, rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
-        except FlexbtError as error:
+                self._buffer.set(parent, frame, rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
+        except (FlexbtError, ValueError) as error:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         for attempt in list(self._waiting):
             if attempt in self._waiting and attempt(False):

@@ -133,13 +133,13 @@ class MapFrame:
         frame, target = header.frame_id, self._name
         if frame in ('', target):
             return lambda: STILL
-        buffer = TransformListener.of(self._runtime).buffer
-        if buffer.carries(self._parameters.base_frame, frame):
+        listener = TransformListener.of(self._runtime)
+        if listener.buffer.carries(self._parameters.base_frame, frame):
             return lambda: STILL
 
         def lookup(time: float | None = None) -> Rigid:
             try:
-                return buffer.lookup(target, frame, time)
+                return listener.buffer.lookup(target, frame, time)
             except TransformError as error:
                 raise NavigationError('TF_ERROR', f'the path is in frame {shown(frame)}: {error}') from None
 
@@ -148,7 +148,7 @@ class MapFrame:
 
         def drift() -> Pose:
             nonlocal latest, heard
-            moved, newest = lookup() @ back, buffer.latest(target, frame)
+            moved, newest = lookup() @ back, listener.buffer.latest(target, frame)
             now = self._runtime.heard.handled
             if newest != latest or newest == math.inf:
                 latest, heard = newest, now

@@ -53,11 +53,15 @@ def slow(world: Probe) -> None:
 
 def in_frame(world: Probe, frame: str, place: Sequence[float]) -> PoseStamped:
     """A place of the map as a pose in another frame, by the newest transform."""
-    buffer = TransformListener.of(world.runtime).buffer
-    now = world.now.time
-    wait_until(lambda: frame in buffer.frames and buffer.latest('map', frame) >= now)
+    listener, now = TransformListener.of(world.runtime), world.now.time
+
+    def is_known() -> bool:
+        buffer = listener.buffer
+        return frame in buffer.frames and buffer.latest('map', frame) >= now
+
+    wait_until(lambda: world.runtime.call(is_known))
     stamped = pose(place)
-    stamped.pose = transformed(stamped.pose, world.runtime.call(lambda: buffer.lookup(frame, 'map')))
+    stamped.pose = transformed(stamped.pose, world.runtime.call(lambda: listener.buffer.lookup(frame, 'map')))
     stamped.header.frame_id = frame
     return stamped
 

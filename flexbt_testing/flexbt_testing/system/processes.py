@@ -112,9 +112,8 @@ class Stack:
         if fifo is not None and not fifo.exists():
             os.mkfifo(fifo)
         with self._log(name).open('ab') as log:
-            if (
-                self._forked and base in MODULES and environment is None
-            ):  # of which modules read some as they are loaded
+            # Modules read some of the environment as they are loaded: with another one, they are loaded anew.
+            if self._forked and base in MODULES and environment is None:
                 server = fork_server.fork_server(*MODULES[base])
                 self._processes[name] = server.start(words, log.fileno(), os.environ, fifo)
                 return
