@@ -373,9 +373,9 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
     for scope in scopes:
         shown.append(one_line(scope.path))
         for value in scope.values:
-            text = one_line(value.text)
-            if len(text) > VALUE_LENGTH:
-                text = f'{text[:VALUE_LENGTH]}... ({len(text)} characters; all of them: --json)'
+            text = one_line(value.text[:VALUE_LENGTH])
+            if len(value.text) > VALUE_LENGTH:
+                text += f'... ({len(value.text)} characters; all of them: --json)'
             shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}')
     return shown or ['the machines have no userdata']
 

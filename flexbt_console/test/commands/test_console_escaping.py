@@ -63,6 +63,12 @@ def test_every_byte(code: int) -> None:
     assert harmless(one_line(chr(code)))
 
 
+def test_of_a_huge_text_the_begin_is_shown_and_the_rest_counted() -> None:
+    shown = one_line('\x1b' * 10_000_000)
+    assert shown.startswith('\\e\\e') and shown.endswith('… (9980000 more characters)') and len(shown) < 50_000
+    assert one_line('x' * 20_000) == 'x' * 20_000 and one_line('\n' * 10_000_000, 4) == '\\n\\…'
+
+
 def test_stacked_marks_are_cut_off() -> None:
     shown = one_line('a' + '̀' * 50)
     assert sum(unicodedata.category(character) == 'Mn' for character in shown) == 3

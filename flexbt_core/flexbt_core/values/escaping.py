@@ -17,11 +17,20 @@ _MARKS: Final = frozenset({'Mn', 'Me'})
 _STACKED_MARKS: Final = 3
 """Marks in a row that a written language may need; more of them are stacked over the lines around."""
 
+SHOWN: Final = 20_000
+"""Characters of a text that are shown at most: who shows a text of 10 MB again and again does nothing else."""
+
 
 def one_line(text: str, width: int | None = None) -> str:
-    """``text`` on one line without anything that a terminal interprets, cut to ``width`` characters."""
-    shown = text if text.isascii() and text.isprintable() else _escaped(text)
-    if width is not None and len(shown) > width:
+    """``text`` on one line without anything that a terminal interprets, cut to ``width`` characters.
+
+    Without a width, what is behind the first :data:`SHOWN` characters is counted.
+    """
+    begin = text[: SHOWN if width is None else max(0, width) + 1]  # escaping makes nothing shorter
+    shown = begin if begin.isascii() and begin.isprintable() else _escaped(begin)
+    if width is None:
+        return shown if len(text) <= SHOWN else f'{shown}… ({len(text) - SHOWN} more characters)'
+    if len(shown) > width:
         return shown[: max(0, width - 1)] + '…' if width > 0 else ''
     return shown
 
