@@ -190,6 +190,7 @@ def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
     chance = random.Random(3)
     navigators = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
     with managed(navigators=navigators) as world:
+        world.change('configure', 'activate', 'deactivate', 'cleanup')  # transforms are heard from now on
         before = world.entities()
         threads: set[int] = set()
         for round in range(20):
