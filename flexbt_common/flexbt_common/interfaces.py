@@ -204,7 +204,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
-    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES)),
+    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
     *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),

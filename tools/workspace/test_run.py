@@ -152,7 +152,8 @@ class _Run:
         command += ['--test-result-base', self._results, '--packages-select', self._package.name]
         options = _in_parallel(workspace) if self.is_spread else []
         if variant:
-            options += [variant.tests, *(f'--ignore={variant.tests}/{file}' for file in variant.without)]
+            # Not --ignore, which colcon takes for the beginning of an option of its own.
+            options += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)]
         if options:
             command += ['--pytest-args', *options]
         environment = {**workspace.environment, **(variant.environment if variant else {})}

@@ -104,6 +104,7 @@ class ReceivedMessages:
         self._on_message = on_message
         self._limit = limit
         self._is_awaited = is_awaited
+        self._depth = qos.depth
         self._excess: dict[bytes, tuple[int, int]] = {}  # by participant: messages, and bytes of what was too large
         self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
         self._taker = _Taker.make()
@@ -127,18 +128,25 @@ class ReceivedMessages:
     def take(self) -> None:
         """Take what has come by now, on the executor thread; stock rclpy takes it when its turn comes."""
         if self._taker is not None:
-            self._take_all(self.subscription)
+            for _ in range(self._depth):
+                if not self._take_next():
+                    return
 
-    def _take_all(self, subscription: Subscription) -> None:
-        taker, until = self._taker, time.monotonic() + _TURN_SECONDS
-        assert taker is not None
-        while time.monotonic() < until:
-            received = taker.take(subscription, self._limit)
-            if received is None:
-                return
-            if received.data is None:
-                self.blame(received)
-            self._on_message(received)
+    def _take_all(self, _subscription: Subscription) -> None:
+        until = time.monotonic() + _TURN_SECONDS
+        while time.monotonic() < until and self._take_next():
+            pass
+
+    def _take_next(self) -> bool:
+        """Whether there was one."""
+        assert self._taker is not None
+        received = self._taker.take(self.subscription, self._limit)
+        if received is None:
+            return False
+        if received.data is None:
+            self.blame(received)
+        self._on_message(received)
+        return True
 
     def blame(self, received: Received) -> None:
         """Note that a message is more than its sender may send. Who goes on with that is ignored."""

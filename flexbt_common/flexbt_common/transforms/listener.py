@@ -4,7 +4,7 @@
 Most goals are in the frame of the map, and transforms come often: a node listens from the first time that it needs
 another frame. Then it waits until the transform is there, or for so long as it says. Who has to know frames at the
 stamps of the first requests, too, asks for the listener at its start. While nobody waits, what comes stays with the
-middleware for up to a second (node_executor.py).
+middleware for some tenths of a second (node_executor.py).
 """
 
 from __future__ import annotations
@@ -33,6 +33,11 @@ TRANSFORM_TIMEOUT: Final = 1.0
 """How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""
 
 COMPLAINT_SECONDS: Final = 5.0
+QUEUE: Final = 100
+REST_SECONDS: Final = 0.1
+"""While nobody waits, messages are not asked for before so long after the last ones: a thousand a second find room in
+the queue."""
+
 BROADCASTERS: Final = 100
 """Static broadcasters whose messages a late listener gets."""
 
@@ -48,6 +53,7 @@ class TransformListener:
         self._buffer = TransformBuffer()
         self._runtime = runtime
         self._waiting: list[Callable[[bool], bool]] = []
+        self._heard_at = 0.0
         node = runtime.node
         self._messages = [
             ReceivedMessages(
@@ -57,11 +63,11 @@ class TransformListener:
                 qos,
                 partial(self._hear, is_static=is_static),
                 MESSAGE,
-                is_awaited=lambda: bool(self._waiting),
+                is_awaited=self._is_awaited,
             )
             for topic, qos, is_static in (
                 (names.TF_STATIC, names.latched(BROADCASTERS), True),
-                (names.TF, QoSProfile(depth=100), False),
+                (names.TF, QoSProfile(depth=QUEUE), False),
             )
         ]
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
@@ -134,6 +140,9 @@ class TransformListener:
         steady = self._runtime.steady
         steady.call_at(steady.now() + timeout, lambda: self._runtime.post(lambda: self._end(attempt)))
 
+    def _is_awaited(self) -> bool:
+        return bool(self._waiting) or self._runtime.steady.now() - self._heard_at >= REST_SECONDS
+
     def _take(self) -> None:
         for messages in self._messages:
             messages.take()
@@ -145,6 +154,7 @@ class TransformListener:
             attempt(True)
 
     def _hear(self, received: Received, is_static: bool) -> None:
+        self._heard_at = self._runtime.steady.now()
         try:
             message = received.unpack(TFMessage)
             check_limits(message)
@@ -154,8 +164,10 @@ class TransformListener:
         except (FlexbtError, ValueError) as error:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         for attempt in list(self._waiting):
-            if attempt in self._waiting and attempt(False):
-                self._waiting.remove(attempt)
+            if attempt in self._waiting:
+                self._waiting.remove(attempt)  # first: what it calls may ask for transforms, and so hear the next ones
+                if not attempt(False):
+                    self._waiting.append(attempt)
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:

@@ -232,6 +232,25 @@ def test_a_goal_in_another_frame_is_transformed_as_soon_as_that_is_known(runtime
     assert timed[0].pose.position.x == pytest.approx(16.25)
 
 
+def test_who_asks_again_when_a_transform_is_known_is_told_once(runtime: NodeRuntime) -> None:
+    robot = runtime.call(lambda: Broadcaster(runtime))
+    listener = runtime.call(lambda: TransformListener.of(runtime))
+    told: list[bool] = []
+
+    def known(_pose: PoseStamped) -> None:
+        told.append('wheel' in listener.buffer.frames)
+
+    runtime.call(lambda: listener.transform_pose(goal('base_link'), 'map', known, told.append, 30.0))
+
+    def send() -> None:  # of which none is handled before all have come
+        robot.send('map', 'base_link', 1.0, 1.0)
+        robot.send('base_link', 'wheel', 1.0, 1.0)
+
+    runtime.call(send)
+    wait_until(lambda: told)
+    assert runtime.call(lambda: told) == [True]
+
+
 def test_what_never_becomes_known_is_an_error_after_its_time(runtime: NodeRuntime) -> None:
     told = ask(runtime, goal('gripper'), 0.05)
     wait_until(lambda: told)
