@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from itertools import combinations
 
 from flexbt_core.monitors import Possible, Property, Violation
@@ -113,18 +113,24 @@ class Graph:
 
     def round(self) -> tuple[Move, ...] | None:
         """The shortest way to, and once along, a round of such steps; None when there is none."""
-        for first in sorted(self._turns, key=lambda key: self._depths[key]):
-            ways: dict[bytes, tuple[Move, ...]] = {first: ()}
-            ahead = deque([first])
-            while ahead:
-                source = ahead.popleft()
-                for key, move in self._turns.get(source, {}).items():
-                    if key == first:
-                        return (*self.way_to(first), *ways[source], move)
-                    if key not in ways:
-                        ways[key] = (*ways[source], move)
-                        ahead.append(key)
-        return None
+        rounds = {key: number for number, keys in enumerate(_rounds(self._turns)) for key in keys}
+        if not rounds:
+            return None
+        first = min(rounds, key=self._depths.__getitem__)
+        before: dict[bytes, tuple[bytes, Move]] = {}
+        ahead = deque([first])
+        while first not in before:  # it leads back to itself
+            source = ahead.popleft()
+            for key, move in self._turns[source].items():
+                if rounds.get(key) == rounds[first] and key not in before:
+                    before[key] = (source, move)
+                    ahead.append(key)
+        moves: list[Move] = []
+        key = first
+        while not moves or key != first:
+            key, move = before[key]
+            moves.append(move)
+        return (*self.way_to(first), *reversed(moves))
 
     def comes_about(self, event: str, source: bytes) -> None:
         """In a step from there, which is no stop, something comes about that is to stay possible."""
@@ -207,6 +213,42 @@ class Graph:
             before,
             lambda way: way is None or (way.server != silent and not (way.is_success and way.server in gone)),
         )
+
+
+def _rounds(steps: Mapping[bytes, Collection[bytes]]) -> Iterator[list[bytes]]:
+    """The strongly connected components in which a step leads back (R. Tarjan, 1972), without recursion."""
+    numbers: dict[bytes, int] = {}
+    lowest: dict[bytes, int] = {}
+    open_ones: list[bytes] = []
+    is_open: set[bytes] = set()
+
+    def enter(key: bytes) -> tuple[bytes, Iterator[bytes]]:
+        numbers[key] = lowest[key] = len(numbers)
+        open_ones.append(key)
+        is_open.add(key)
+        return key, iter(steps.get(key, ()))
+
+    for start in steps:
+        ahead = [] if start in numbers else [enter(start)]
+        while ahead:
+            source, following = ahead[-1]
+            for key in following:
+                if key not in numbers:
+                    ahead.append(enter(key))
+                    break
+                if key in is_open:
+                    lowest[source] = min(lowest[source], numbers[key])
+            else:
+                ahead.pop()
+                if ahead:
+                    lowest[ahead[-1][0]] = min(lowest[ahead[-1][0]], lowest[source])
+                if lowest[source] == numbers[source]:
+                    found = [open_ones.pop()]
+                    while found[-1] != source:
+                        found.append(open_ones.pop())
+                    is_open.difference_update(found)
+                    if len(found) > 1 or source in steps.get(source, ()):
+                        yield found
 
 
 def _sources(targets: set[bytes], before: _Before, is_way: Callable[[Answer | None], bool]) -> set[bytes]:

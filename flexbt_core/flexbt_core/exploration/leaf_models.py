@@ -152,6 +152,7 @@ class Environment:
 
     def rests(self, now: float) -> None:
         """A tick is over: what works on after its deadline is wrong."""
+        self.facts.look()
         for path in [path for path, due in self.due.items() if due <= now]:
             declared = self.open[path].declared
             assert declared is not None
@@ -161,6 +162,7 @@ class Environment:
     def cancel(self, action: ModelAction) -> None:
         """An action was halted."""
         self.end(action.path)
+        self.facts.works(action.needs)
         if not action.model.ignores_cancel:
             self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
             self.events.append(f'{action.path} is being canceled')

@@ -3,40 +3,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from string import Template
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree import NodeStatus, TreeNode
+from flexbt_core.behavior_tree import Entry, NodeKind, NodeStatus, TreeNode
 from flexbt_core.monitors import Property, Violation
 from flexbt_core.skills import Literal, OutcomeClass, Skill
+
+_MARK: Final = '\0'
+"""Stands in what an entry of a blackboard is called, whose value is not known: no text of a tree has it."""
 
 
 class Needs(NamedTuple):
     """What a leaf needs and brings about, with what its ports say in the place of parameters.
 
     ``effects`` are those of its results, and whether that is how things are now, rather than what it has changed.
-    ``ends`` are places of arguments, by predicates of which one object holds at most there.
+    ``ends`` are places of arguments, by predicates of which one object holds at most there. ``changes`` is what may be
+    otherwise once it has begun, whatever comes of it: None for anything, when nobody has said what it brings about.
+    ``is_at_once``: it does its work within a tick.
     """
 
     preconditions: tuple[Literal, ...] = ()
     effects: Mapping[NodeStatus, tuple[bool, tuple[Literal, ...]]] = MappingProxyType({})
     ends: Mapping[str, int] = MappingProxyType({})
-    written: frozenset[str] = frozenset()
+    changes: tuple[Literal, ...] | None = None
+    is_at_once: bool = False
 
 
-NOTHING: Final = Needs()
-
-
-def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Any, str]) -> Needs:
+def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Needs:
     """The skill of a leaf as its ports bind it; literals of what they do not tell are left out.
 
     ``names`` are those of entries of blackboards, which have other keys in other sub-trees; the new ones are added.
     """
     if skill is None:
-        return NOTHING
-    objects = {port: _object(leaf, port, names) for port in leaf._values}
+        return Needs()
+    objects = {port: name for port in leaf._values if (name := _object(leaf, port, names)) is not None}
     told = {name: port for port, text in skill.arguments.items() for name in Template(text).get_identifiers()}
     binding = {name: objects[told.get(name, name)] for name in skill.parameters if told.get(name, name) in objects}
     unbound = skill.parameters.keys() - binding.keys()
@@ -44,6 +47,9 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Any, str]) -> Need
     def bound(literals: Iterable[Literal]) -> tuple[Literal, ...]:
         return tuple(one.bound(binding) for one in literals if unbound.isdisjoint(one.arguments))
 
+    is_told = leaf.kind is NodeKind.CONDITION or any(one.effects for one in skill.outcomes.values())
+    changing = [one for one in skill.outcomes.values() if one.kind is not OutcomeClass.ANSWERED]
+    anything = binding | dict.fromkeys(unbound, _MARK)
     return Needs(
         bound(skill.preconditions),
         {
@@ -52,40 +58,51 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Any, str]) -> Need
             if one.effects and name in NodeStatus.__members__
         },
         {one.name: list(one.parameters).index(one.exclusive) for one in skill.predicates if one.exclusive is not None},
-        frozenset(objects[name] for name, port in leaf.ports.items() if port.writable and name in objects),
+        tuple(effect.bound(anything) for one in changing for effect in one.effects) if is_told else None,
+        skill.duration == (0.0, 0.0),
     )
 
 
-def _object(leaf: TreeNode, port: str, names: dict[Any, str]) -> str:
-    """What a port is given: a text, or the name of an entry."""
+def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
+    """What a port is given: a text, or the name of an entry; None for an entry that is not there."""
     value = leaf._values[port]
-    entry = None if value.key is None else leaf.blackboard.entry(value.key)
-    if entry is None:
+    if value.key is None:
         return str(value.text)
-    if entry not in names:
-        same = sum(name.partition('#')[0] == value.key for name in names.values())
-        names[entry] = f'{value.key}#{same}' if same else str(value.key)
-    return names[entry]
+    entry = leaf.blackboard.entry(value.key)
+    if entry is None:
+        return None
+    return names.setdefault(entry, f'{value.key}{_MARK}{len(names)}')
 
 
 class Facts:
     """What holds. ``lasting`` is what skills have brought about, until something else is known; ``measured`` is what
     conditions say, as long as no time goes by. Of each atom that something needs: whether it holds, and from whom that
-    is known.
+    is known. Nothing is known any more of what an entry of a blackboard was, once somebody has written it.
     """
 
     def __init__(self) -> None:
         self.lasting: dict[str, tuple[bool, str]] = {}
         self.measured: dict[str, tuple[bool, str]] = {}
-        self.names: dict[Any, str] = {}
+        self.names: dict[Entry, str] = {}
         self._needed: dict[str, Literal] = {}
+        self._written: dict[str, int] = {}
 
     def need(self, needs: Needs) -> None:
         """Something needs this, so that it is of interest."""
         self._needed |= {str(one.atom): one.atom for one in needs.preconditions}
 
+    def look(self) -> None:
+        """Forget what is about entries that were written since the last time, whoever has done that."""
+        if not self._needed:
+            return
+        for entry, name in self.names.items():
+            if entry.sequence != self._written.get(name) or not entry.present:
+                self._written[name] = entry.sequence
+                self._forget(atom for atom, one in self._needed.items() if name in one.arguments)
+
     def begins(self, path: str, needs: Needs, found: Callable[[Violation], None]) -> None:
         """A leaf begins; what it needs, and is known not to hold, is wrong."""
+        self.look()
         for one in needs.preconditions:
             atom = str(one.atom)
             holds, source = self.measured.get(atom) or self.lasting.get(atom) or (one.positive, '')
@@ -93,42 +110,53 @@ class Facts:
                 says = 'has just said' if atom in self.measured else 'has brought about'
                 text = f'{path} begins, and its skill needs {_plain(one)}: {source} {says} {_plain(~one)}'
                 found(Violation(Property.PRECONDITION, path, text))
+        self.works(needs)
 
-    def ends(self, path: str, needs: Needs, status: NodeStatus) -> None:
-        """A leaf gives a result: what it brings about, or says, is known; of what it has written nothing is, else."""
+    def works(self, needs: Needs) -> None:
+        """A leaf works, or has worked until now: what it may change is not known."""
         if not self._needed:
             return
-        if status is NodeStatus.SUCCESS and needs.written:
-            for atom, literal in self._needed.items():
-                if not needs.written.isdisjoint(literal.arguments):
-                    self._forget(atom)
+        changes = needs.changes
+        changed = self._needed if changes is None else {atom for one in changes for atom in self._near(one, needs)}
+        for atom in changed:
+            self.lasting.pop(atom, None)
+            if needs.is_at_once:  # otherwise it was measured before it has begun, or after its end
+                self.measured.pop(atom, None)
+
+    def ends(self, path: str, needs: Needs, status: NodeStatus) -> None:
+        """A leaf gives a result: what it brings about, or says, is known."""
+        if not self._needed:
+            return
+        self.look()
+        self.works(needs)
         is_measured, effects = needs.effects.get(status, (False, ()))
+        known = self.measured if is_measured else self.lasting
         for effect in effects:
-            for atom in self._ended_by(effect, needs):
-                self._forget(atom)
-                self.lasting[atom] = (False, path)
-            atom = str(effect.atom)
-            if atom in self._needed:
-                self._forget(atom)
-                (self.measured if is_measured else self.lasting)[atom] = (effect.positive, path)
+            near = list(self._near(effect, needs))
+            self._forget(near)
+            if not any(_MARK in one for one in effect.arguments):  # what is not it, but near, is another object
+                others = [atom for atom in near if not any(_MARK in one for one in self._needed[atom].arguments)]
+                known |= dict.fromkeys(others, (False, path))
+        known |= {atom: (one.positive, path) for one in effects if (atom := str(one.atom)) in self._needed}
 
-    def _ended_by(self, effect: Literal, needs: Needs) -> list[str]:
-        place = needs.ends.get(effect.predicate)
-        if place is None or not effect.positive:
-            return []
-        return [
-            atom
-            for atom, one in self._needed.items()
-            if one.predicate == effect.predicate
-            and one.arguments[:place] + one.arguments[place + 1 :]
-            == effect.arguments[:place] + effect.arguments[place + 1 :]
-        ]
+    def _near(self, effect: Literal, needs: Needs) -> Iterator[str]:
+        """The atoms that may be that of an effect, or cannot hold together with it."""
+        place = needs.ends.get(effect.predicate) if effect.positive else None
+        for atom, one in self._needed.items():
+            if one.predicate == effect.predicate and all(
+                index == place or mine == other or _MARK in mine + other
+                for index, (mine, other) in enumerate(zip(one.arguments, effect.arguments, strict=False))
+            ):
+                yield atom
 
-    def _forget(self, atom: str) -> None:
-        self.lasting.pop(atom, None)
-        self.measured.pop(atom, None)
+    def _forget(self, atoms: Iterable[str]) -> None:
+        for atom in atoms:
+            self.lasting.pop(atom, None)
+            self.measured.pop(atom, None)
 
 
 def _plain(literal: Literal) -> str:
     """A literal for people, without the marks of entries."""
-    return str(Literal(literal.predicate, tuple(one.partition('#')[0] for one in literal.arguments), literal.positive))
+    return str(
+        Literal(literal.predicate, tuple(one.partition(_MARK)[0] for one in literal.arguments), literal.positive)
+    )

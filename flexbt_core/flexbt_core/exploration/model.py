@@ -168,3 +168,8 @@ class Report:
     def holds(self) -> bool:
         """Whether nothing is wrong in what was covered."""
         return not self.counterexamples
+
+    @property
+    def is_proof(self) -> bool:
+        """Whether everything was followed: what is wrong is not followed, and what comes after it is not known."""
+        return self.is_complete and self.holds

@@ -101,6 +101,7 @@ TREE_LAYOUT: Final = Layout(
         TreeNode: frozenset(('decided_by', '_failed', '_child_failed', '_expired')),
         LeafNode: frozenset(('_reason',)),
         Entry: frozenset(('sequence',)),
+        Facts: frozenset(('_written',)),
         TreeContext: frozenset(('earliest',)),
         Tree: frozenset(('_failure',)),
         # Without a violation it follows from where the tree is.
@@ -150,7 +151,12 @@ class TreeSystem:
         self._found: list[Violation] = []
         monitor = self._monitor = TreeMonitor(self._found.append, requirements)
         board = self._board = Blackboard()
-        scripts = list(_scripts(library))
+        scripts = [
+            text
+            for document in library.documents.values()
+            for tree in document.trees.values()
+            for text in _scripts(tree.nodes())
+        ]
         self._environment = Environment(tested_values(scripts), self._found.append)
         self._ticked: set[int] = set()
         self._observed = frozenset(observed)
@@ -168,7 +174,7 @@ class TreeSystem:
         self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
         monitor.begins(self._tree)
-        self.given = self._give(set(given), scripts)
+        self.given = self._give(set(given))
         self._run = _Run()
         self._memory = Memory(
             (
@@ -203,12 +209,12 @@ class TreeSystem:
         }
         return [entry for _, entry in entries if id(entry) not in read]
 
-    def _give(self, given: set[str], scripts: list[str]) -> tuple[str, ...]:
+    def _give(self, given: set[str]) -> tuple[str, ...]:
         """Write what is there from the beginning; the keys."""
         read: dict[int, tuple[str, Any]] = {}
         needed: set[int] = set()
         written: set[int] = set()
-        assigned = {name for script in scripts for name in _ASSIGNED.findall(script)}
+        assigned = {name for script in _scripts(self._tree.definitions) for name in _ASSIGNED.findall(script)}
         for node in self._tree.nodes:
             for name, value in node._values.items():
                 port = node.ports.get(name)
@@ -408,12 +414,10 @@ class _Run:
         self.result: str | None = None
 
 
-def _scripts(library: TreeLibrary) -> Iterable[str]:
-    for document in library.documents.values():
-        for tree in document.trees.values():
-            for node in tree.nodes():
-                yield from (script.text for script in node.conditions.values())
-                yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
+def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
+    for node in nodes:
+        yield from (script.text for script in node.conditions.values())
+        yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
 
 
 _ABSENT_ENTRY: Final = ('never written', 'no such entry', 'has no entry')

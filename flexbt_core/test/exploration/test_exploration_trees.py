@@ -65,6 +65,29 @@ class Enter(StandIn):
     ports = {'door': input_port(STRING)}
 
 
+AT = Predicate('at', {'goal': 'pose'}, exclusive='goal')
+GOAL = {'goal': input_port(STRING)}
+
+
+class IsAt(IsSafe):
+    skill = Skill.measuring(AT)
+    ports = GOAL
+
+
+class Go(StandIn):
+    skill = Skill.of(parameters=AT.parameters, outcomes={'SUCCESS': ['at(goal)']}, predicates=[AT])
+    ports = GOAL
+
+
+class Serve(StandIn):
+    skill = Skill.of(parameters=AT.parameters, preconditions=['at(goal)'], predicates=[AT])
+    ports = GOAL
+
+
+class Leave(Go):
+    skill = Skill.of(parameters=AT.parameters, outcomes={'SUCCESS': ['not at(goal)']}, predicates=[AT])
+
+
 class Lift(StandIn):
     skill = Skill.of(deadline=10.0)
 
@@ -126,8 +149,8 @@ class Stalled(Control):
 def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
-    for kind in (Drive, Ask, Turn, Plan, Follow, IsSafe, Forgetful, Stalled, Alternating, IsOpen, Enter, Choose, Lift):
-        found.register(kind.__name__, kind)
+    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave)
+    found.register_classes([*leaves, Forgetful, Stalled, Alternating])
     return found
 
 
@@ -173,9 +196,11 @@ DEFECTS = {
         Property.PRECONDITION,
     ),
     'needs what was undone': (
-        '<Sequence><Enter door="front"/><Turn/><Enter door="front"/></Sequence>',
+        '<Sequence><Enter door="front"/><Enter door="back"/><Enter door="front"/></Sequence>',
         Property.PRECONDITION,
     ),
+    'needs to be elsewhere': ('<Sequence><Go goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
+    'is told to be elsewhere': ('<Sequence><IsAt goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
     'begun once what is to be begun again': (
         '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
         Property.REACHABLE,
@@ -220,6 +245,14 @@ def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed
         '<Sequence><Inverter><IsOpen door="front"/></Inverter><Turn/><Enter door="front"/></Sequence>',
         '<Sequence><Enter door="front"/><IsOpen door="front"/><Enter door="front"/></Sequence>',
         '<Sequence><Choose door="{it}"/><Enter door="{it}"/><Choose door="{it}"/><Enter door="{it}"/></Sequence>',
+        '<LoopString queue="front;back" value="{it}"><Enter door="{it}"/></LoopString>',
+        '<Sequence><Choose door="{it}"/><Repeat num_cycles="2"><Sequence><Enter door="{it}"/>'
+        '<Script code="it := &apos;back&apos;"/></Sequence></Repeat></Sequence>',
+        '<Sequence><Enter door="front"/><Turn/><Enter door="front"/></Sequence>',  # who knows what it does
+        '<Sequence><IsAt goal="home"/><Turn/><Serve goal="dock"/></Sequence>',
+        '<Sequence><Go goal="{a}"/><Serve goal="{b}"/></Sequence>',  # of the same value, maybe
+        '<Sequence><Leave goal="dock"/><Go goal="{a}"/><Serve goal="dock"/></Sequence>',
+        '<Sequence><Leave goal="dock"/><ForceSuccess><Go goal="dock"/></ForceSuccess><Serve goal="dock"/></Sequence>',
     )
     for body in sound:
         assert proved(body).holds, body

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from types import MappingProxyType
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import TreeKey
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.exploration import (
+    DEFAULT_CONFIGURATIONS,
     Bounds,
     Limits,
     MachineSystem,
@@ -90,6 +92,7 @@ def prove_behavior(
             trees[key] = prove_tree(
                 used.library,
                 key,
+                given=given,
                 limits=limits,
                 faults=bounds.faults,
                 required=required_of_trees.get(key.id, ()),
@@ -109,7 +112,8 @@ def prove_behavior(
         _named('the machine', on_progress),
         faults=bounds.faults,
     )
-    return BehaviorProof(name, trees, report)
+    note = boards.note(trees)
+    return BehaviorProof(name, trees, replace(report, notes=(*report.notes, note)) if note else report)
 
 
 def replay_behavior(
@@ -124,6 +128,7 @@ def replay_behavior(
     autonomy: int = 1,
     require: Sequence[str] = (),
     given: Sequence[str] = (),
+    configurations: int = DEFAULT_CONFIGURATIONS,
     trees: Sequence[str] = (),
     models: Sequence[str] = (),
     nav2_dialect: Dialect = DIALECTS[0],
@@ -132,6 +137,8 @@ def replay_behavior(
 
     The way is one of the machine, or of the tree ``tree`` that it runs. ``name`` is that of an installed behavior, or
     the file of a machine; ``trees`` are files that it does not load itself, ``models`` such that describe node types.
+    What its trees write is proved again, with up to so many ``configurations`` of each and no limit of time, so that
+    what is found does not depend on how fast that goes.
 
     Raises UsageError when the behavior cannot be built, LookupError when it does not run this tree.
     """
@@ -146,13 +153,14 @@ def replay_behavior(
         key = next((use.key for use in used.uses if use.key is not None and use.key.id == tree), None)
         if key is None:
             raise LookupError(f'{name} does not run a tree {tree!r}')
-        return replay_in(used.library, key, moves, require=require)
+        return replay_in(used.library, key, moves, given=given, require=require)
     boards = Blackboards.of(used, given)
     reports = {}
     if boards.observed:  # what the trees have written is known of their proofs
-        kept = KeptProofs()
+        limits = Limits(inf, configurations)
+        observed, kept = boards.observed, KeptProofs()
         reports = {
-            key: prove_tree(used.library, key, faults=faults, observed=boards.observed, kept=kept)
+            key: prove_tree(used.library, key, given=given, limits=limits, faults=faults, observed=observed, kept=kept)
             for key in boards.needed
         }
     bounds = Bounds(Operator(operator), forces, faults, autonomy)

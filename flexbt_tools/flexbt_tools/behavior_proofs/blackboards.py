@@ -5,16 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Final
 
 from flexbt_core.behavior_tree import TreeKey
 from flexbt_core.exploration import Report, StateModel, TreeSystem
 from flexbt_tools.behaviors import TreeUse, UsedTrees
 from flexbt_tools.proofs import GOALS
 from flexbt_tools.tree_checks import HOST_KEYS
-
-_ENDS: Final = {'done': 'SUCCESS', 'failed': 'FAILURE'}
-"""What a tree has given when the state that runs it ends so."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +43,29 @@ class Blackboards:
         return _named(needed - use.use.writes.keys(), use)
 
     def writes(self, use: TreeUse, model: StateModel, outcome: str, report: Report | None) -> frozenset[str]:
-        """What is there after an outcome of it, in words. Of a tree that is not known, anything may be."""
+        """What is there after an outcome of it, in words. Of a tree that is not known, or not proved, anything may be.
+
+        One that has failed, or was canceled, may have been refused: then it has written nothing.
+        """
         if use.runs_unknown:
             return _named(self.observed, use)
-        written = frozenset[str]()
-        if use.key is not None or outcome not in model.not_written:
-            written = frozenset(use.use.writes)
-        if report is not None:
-            written |= report.written.get(_ENDS.get(outcome, ''), frozenset())
-        return _named(written & self.observed, use)
+        if outcome in model.not_written:
+            return frozenset()
+        if report is not None and not report.is_proof:
+            return _named(self.observed, use)
+        by_tree = report.written.get('SUCCESS', frozenset()) if report is not None and outcome == 'done' else ()
+        return _named(self.observed.intersection((*use.use.writes, *by_tree)), use)
+
+    def note(self, reports: Mapping[TreeKey, Report]) -> str:
+        """What is not known of who writes what, since trees are not proved; '' when there is no such."""
+        trees = ', '.join(key.id for key, report in reports.items() if not report.is_proof)
+        if not trees or not self.observed:
+            return ''
+        keys = ', '.join(f'[{key}]' for key in sorted(self.observed))
+        return (
+            f'not known, and taken as written: {keys} after trees that were not followed to their end, or with which '
+            f'something is wrong: {trees}'
+        )
 
 
 def _named(keys: frozenset[str], use: TreeUse) -> frozenset[str]:

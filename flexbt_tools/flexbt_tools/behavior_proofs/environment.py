@@ -42,7 +42,7 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
         if use.key is None:
             return found
         outcomes = state.outcomes
-        if report is not None and report.is_complete and 'SUCCESS' not in report.ends:
+        if report is not None and report.is_proof and 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
         return replace(found, outcomes=outcomes, resources=frozenset(resources[use.key]), server='BT server')
 

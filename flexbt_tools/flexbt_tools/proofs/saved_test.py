@@ -11,6 +11,8 @@ from typing import Any, Final, NamedTuple
 from flexbt_core.exploration import Counterexample
 from flexbt_core.monitors import Stated
 from flexbt_core.values import one_line
+from flexbt_tools.errors import UsageError
+from flexbt_tools.trees import STDIN
 
 from .moves import plain_moves
 
@@ -23,7 +25,9 @@ class File(NamedTuple):
     name: str
 
     def expression(self, test: str) -> str:
-        """What stands for it in the text of a test that is in the file ``test``."""
+        """What stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
+        if self.name == STDIN:
+            raise UsageError('--save-test: a test cannot read the standard input again; give a file')
         if self.name.startswith(_BY_PACKAGE):
             return repr(self.name)
         relative = os.path.relpath(Path(self.name).resolve(), Path(test).resolve().parent)
@@ -48,14 +52,18 @@ class Replay(NamedTuple):
 
 
 def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
-    """The text of the file ``test`` for what was found wrong."""
+    """The text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it again."""
     found = list(wrong)
     what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
     imports = sorted({f'from flexbt_tools.{replay.room} import {replay.function}' for replay, _ in found})
     lines = [f'"""What a proof has found wrong with {one_line(what)}. Each test fails until that is put right."""', '']
-    lines += ['from pathlib import Path', '', *imports, '', 'HERE = Path(__file__).resolve().parent', '']
+    calls = [replay.call(test) for replay, _ in found]
+    if any('HERE / ' in call for call in calls):
+        lines += ['from pathlib import Path', '', *imports, '', 'HERE = Path(__file__).resolve().parent', '']
+    else:
+        lines += [*imports, '']
     number = 0
-    for replay, counterexamples in found:
+    for call, (_, counterexamples) in zip(calls, found, strict=True):
         for one in counterexamples:
             number += 1
             if not one.violation.property.is_shown_by_a_way:
@@ -64,7 +72,7 @@ def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]
             lines += ['', f'def test_{one.violation.property.name.lower()}_{number}() -> None:']
             lines += [f'    # {one_line(line, 500)}' for line in (one.violation.text, *one.lines)]
             lines += ['    moves = [', *(f'        {move!r},' for move in plain_moves(one.moves)), '    ]']
-            lines += [f'    wrong = {replay.call(test)}', '    assert not wrong, wrong[0].text', '']
+            lines += [f'    wrong = {call}', '    assert not wrong, wrong[0].text', '']
     return '\n'.join(line.rstrip() for line in lines) + '\n'
 
 

@@ -48,7 +48,7 @@ def joined(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
     found: dict[tuple[str, int], list[Diagnostic]] = {}
     for number, one in enumerate(diagnostics):
         found.setdefault((one.place.file, -1 if one.place.unknown else number), []).append(one)
-    return [one[0] if len(one) == 1 and not one[0].place.unknown else _unknown_types(one) for one in found.values()]
+    return [one[0] if not one[0].place.unknown else _unknown_types(one) for one in found.values()]
 
 
 def _unknown_types(errors: list[Diagnostic]) -> Diagnostic:

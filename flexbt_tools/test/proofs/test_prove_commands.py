@@ -18,6 +18,8 @@ from flexbt_console.mirror import NodeStatus
 from flexbt_console.recording import open_recording
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
+from flexbt_tools.errors import UsageError
+from flexbt_tools.proofs import File
 
 
 @pytest.fixture(autouse=True)
@@ -113,6 +115,48 @@ def test_what_trees_hand_to_each_other_is_there_on_all_ways_of_the_machine(
         '<root BTCPP_format="4"><BehaviorTree ID="Plan"><Inverter/></BehaviorTree></root>'
     )
     assert prove('failed') == (3, '')  # of what is refused nothing is proved
+
+
+def split(folder: Path, plan: str, unplanned: str = 'failed') -> str:
+    """The file of a machine that drives along what the tree ``plan`` has written."""
+    (folder / 'plan.xml').write_text(document(f'Plan: {plan}', main=None))
+    (folder / 'drive.xml').write_text(document('Drive: <FollowPath path="{path}"/>', main=None))
+    machine = folder / 'split.yaml'
+    machine.write_text(SPLIT.format(folder=folder, unplanned=unplanned))
+    return str(machine)
+
+
+def test_what_a_tree_writes_that_was_not_followed_to_its_end_is_not_known(tmp_path: Path) -> None:
+    plan = (
+        '<Sequence><Repeat num_cycles="30"><Wait/></Repeat><ComputePathToPose goal="{goal}" path="{path}"/></Sequence>'
+    )
+    code, out, _ = behavior('prove', split(tmp_path, plan), '--situations', '25')
+    assert code == 5 and 'WRONG' not in out
+    assert 'not known, and taken as written: [path] after trees that were not followed to their end' in out
+
+
+def test_a_tree_that_was_refused_has_written_nothing(tmp_path: Path) -> None:
+    plan = '<Sequence><Script code="path := 1"/><Wait/></Sequence>'
+    code, out, _ = behavior('prove', split(tmp_path, plan, 'Drive'))
+    assert code == 1 and out.count('WRONG') == 1 and '/Drive begins, and its tree reads [path]' in out
+
+
+def test_what_is_given_from_outside_is_given_to_the_trees(tmp_path: Path) -> None:
+    path = '<Fallback><ComputePathToPose goal="{goal}" path="{path}"/><AlwaysSuccess/></Fallback>'
+    machine = split(tmp_path, f'<Sequence>{path}<FollowPath path="{{path}}"/></Sequence>')
+    assert behavior('prove', machine)[0] == 1
+    assert behavior('prove', machine, '--given', 'path')[0] == 0
+    both = f'<Sequence>{path}<FollowPath path="{{path}}"/><Parallel><Spin/><BackUp/></Parallel></Sequence>'
+    saved = tmp_path / 'test_split.py'
+    assert behavior('prove', split(tmp_path, both), '--given', 'path', '--save-test', str(saved))[0] == 1
+    (test,) = saved_tests(saved)
+    with pytest.raises(AssertionError, match='two owners'):
+        test()
+
+
+def test_no_test_reads_the_standard_input_again() -> None:
+    with pytest.raises(UsageError, match='standard input'):
+        File('-').expression('test_main.py')
 
 
 def test_what_is_wrong_in_a_tree_of_a_behavior_is_saved_too(tmp_path: Path) -> None:

@@ -105,6 +105,7 @@ def _wrong(
     common = {
         'parameters': parameters(options),
         'trees': [File(file) for file in options.trees],
+        'given': options.given,
         **proof_arguments.node_settings(options),
     }
     for key, report in proof.trees.items():
@@ -120,7 +121,7 @@ def _wrong(
         'forces': bounds.forces,
         'faults': bounds.faults,
         'autonomy': bounds.autonomy,
-        'given': options.given,
+        'configurations': options.situations,
         'require': requirement_texts(required),
     }
     what = f'the machine of {proof.name!r}'

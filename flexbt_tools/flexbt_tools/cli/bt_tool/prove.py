@@ -13,7 +13,7 @@ from flexbt_core.exploration import Limits, RestoreError
 from flexbt_tools.cli import arguments, proof_arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.proofs import File, ProgressLine, Replay, prove_tree, requirement_texts
-from flexbt_tools.trees import STDIN, find_tree, read_library, roots
+from flexbt_tools.trees import find_tree, read_library, roots
 
 from . import prove_model
 
@@ -63,8 +63,6 @@ def run(options: argparse.Namespace) -> ExitCode:
             progress.end()
     code = proof_arguments.tell(options, list(reports.values()))
     if options.save_test is not None and not all(report.holds for report in reports.values()):
-        if STDIN in options.files:
-            raise UsageError('--save-test: a test cannot read the standard input again; give the tree as a file')
         files = [File(file) for file in options.files]
         settings = {'given': options.given, **proof_arguments.node_settings(options)}
         proof_arguments.save_test(
