@@ -53,7 +53,7 @@ class Replay(NamedTuple):
 
 def saved_test(test: str, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> str:
     """The text of the file ``test`` for what was found wrong. Raises UsageError when no test can read it again."""
-    found = list(wrong)
+    found = [(replay, counterexamples) for replay, counterexamples in wrong if counterexamples]
     what = ', '.join(dict.fromkeys(replay.what for replay, _ in found))
     imports = sorted({f'from flexbt_tools.{replay.room} import {replay.function}' for replay, _ in found})
     lines = [f'"""What a proof has found wrong with {one_line(what)}. Each test fails until that is put right."""', '']

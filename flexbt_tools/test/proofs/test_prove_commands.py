@@ -167,6 +167,7 @@ def test_what_is_wrong_in_a_tree_of_a_behavior_is_saved_too(tmp_path: Path) -> N
     drive.write_text(document(f'Drive: <Parallel success_count="2">{both}</Parallel>', main=None))
     machine.write_text(SPLIT.format(folder=tmp_path, unplanned='failed'))
     assert behavior('prove', str(machine), '--save-test', str(saved))[0] == 1
+    assert "wrong with the tree 'Drive'. Each" in saved.read_text()
     (test,) = saved_tests(saved)
     with pytest.raises(AssertionError, match='base has two owners'):
         test()

@@ -79,7 +79,6 @@ def run(options: argparse.Namespace) -> ExitCode:
                     report.counterexamples,
                 )
                 for key, report in reports.items()
-                if not report.holds
             ],
         )
     return code
