@@ -34,7 +34,9 @@ class Simulation:
 
     def _navigate(self, namespace: str) -> None:
         """Start the servers of a robot. They end with the simulator, and it with them when they cannot go on."""
-        there = ['--ros-args', '-r', f'{names.NAVIGATION}:__ns:={namespace}', '--']
+        # The first rule that fits counts. The name is looked at first, and what is given may name the simulator.
+        rules = (f'__node:={names.NAVIGATION}', f'__ns:={namespace}')
+        there = ['--ros-args', *(word for rule in rules for word in ('-r', f'{names.NAVIGATION}:{rule}')), '--']
         runtime = NodeRuntime(names.NAVIGATION, args=[*there, *self._args], parameters={'use_sim_time': True})
         self._simulator.on_close(runtime.close)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'

@@ -45,7 +45,7 @@ from flexbt_core.values import lines
 from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
-from .large_messages import large_messages_given_back
+from .large_messages import give_back_large_messages
 from .node_executor import node_executor
 from .ros_clock import RosClock
 
@@ -113,8 +113,8 @@ class NodeRuntime:
         )
         try:
             overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
-            with large_messages_given_back():
-                self.node = node_class(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
+            give_back_large_messages()
+            self.node = node_class(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise

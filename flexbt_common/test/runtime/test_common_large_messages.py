@@ -6,11 +6,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from flexbt_common.discovery import profile
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime.large_messages import is_dynamic
 from flexbt_testing.waiting import wait_until
 
 TOPICS = 6
@@ -51,3 +54,38 @@ def test_the_room_of_large_messages_is_given_back() -> None:
             send_large(sender, receiver, f'large_{number}')
         kept = TOPICS * SIZE
         wait_until(lambda: resident() - before < kept, lambda: f'{(resident() - before) / 1e6:.0f} MB given back')
+
+
+DYNAMIC = '<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>'
+BOTH = ''.join(
+    f'<{tag} profile_name="all" is_default_profile="true">{DYNAMIC}</{tag}>' for tag in ('data_writer', 'data_reader')
+)
+CAMERA = '<data_reader profile_name="camera">{}</data_reader>'
+
+
+@pytest.mark.parametrize('name', ['this_computer', 'network', 'radio_robot', 'radio_console'])
+def test_each_profile_that_comes_along_has_it_given_back(name: str) -> None:
+    assert is_dynamic(profile(name))
+
+
+@pytest.mark.parametrize(
+    ('profiles', 'is_so'),
+    [
+        (BOTH, True),
+        (BOTH.replace('data_writer', 'publisher').replace('data_reader', 'subscriber'), True),
+        (BOTH + CAMERA.format(DYNAMIC), True),
+        (BOTH + CAMERA.format(''), False),
+        (CAMERA.format(DYNAMIC), False),
+        (BOTH.replace('data_reader', 'data_writer'), False),
+        (BOTH.replace('"true"', '"false"'), False),
+        (BOTH.replace('DYNAMIC', 'PREALLOCATED', 1), False),
+        (f'<!-- {BOTH} -->', False),
+        (BOTH + '<', False),
+    ],
+)
+def test_a_profile_that_leaves_some_topic_without_it_is_not_heeded(profiles: str, is_so: bool, tmp_path: Path) -> None:
+    """Fast DDS would refuse what is larger than the first message of that topic."""
+    file = tmp_path / 'profile.xml'
+    file.write_text(f'<dds><profiles>{profiles}</profiles></dds>', encoding='utf-8')
+    assert is_dynamic(file) is is_so
+    assert not is_dynamic(tmp_path)

@@ -159,8 +159,7 @@ class NavigatorGoal(TreeGoal):
             if outcome.code == Code.ERROR and not code:
                 code = getattr(result, self.problem, 0)  # Jazzy's actions have none of these
             result.error_code = code
-            node = '' if outcome.failed_node in outcome.message else f'[{outcome.failed_node}] '
-            remarks = (node + outcome.message, self.notice)
+            remarks = (outcome.message, self.notice)
             result.error_msg = sendable('; '.join(filter(None, remarks)), MESSAGE_LIMIT)
         return outcome.code, result
 

@@ -115,7 +115,7 @@ class TreeRun(Generic[Client]):
         self._monitor: TreeMonitor | None = None
         self._wake_event = WakeEvent()
         self._control = TickControl(self._wake_event.set, self._tell_of_pause)
-        self._loop = health.loop(f'the thread of tree {key.id!r}', self._where, self._has_callbacks)
+        self._loop = health.loop(f'the thread of tree {key.id!r}', self._is_where, self._has_callbacks)
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
         self._rest_by = math.inf
@@ -197,15 +197,14 @@ class TreeRun(Generic[Client]):
             return
         node = node_on_stack(self._thread)
         path = '' if node is None else node.path
-        what = self._where()
         self._loop.close()  # it drives nothing any more
         if self.tree is not None:
             self.tree.abandon()
-        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_HALTED}: {what}', path))
+        self._end(RunOutcome(BtExecute.Result.ERROR, f'{self._stop_reason}; {_NOT_HALTED}: {_where(path)}', path))
 
-    def _where(self) -> str:
+    def _is_where(self) -> str:
         node = node_on_stack(self._thread)
-        return 'the run does not come to its end' if node is None else f'[{node.path}] does not return'
+        return _where('' if node is None else node.path)
 
     def _has_callbacks(self) -> bool:
         return self.tree is not None and self.tree.callbacks.active
@@ -356,3 +355,7 @@ class TreeRun(Generic[Client]):
                 message=f'{outcome.message}; {message}' if outcome.message else message,
             )
         return outcome
+
+
+def _where(path: str) -> str:
+    return f'[{path}] does not return' if path else 'the run does not come to its end'

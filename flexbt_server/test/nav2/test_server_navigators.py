@@ -159,6 +159,7 @@ def test_codes_are_those_of_the_servers_and_messages_name_the_node(front: Front)
     front.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1, GOAL_OUTSIDE_MAP)
     failed = ended(front.to(100.0), GoalStatus.ABORTED, 'scripted failure 0', code=GOAL_OUTSIDE_MAP)
     assert failed.error_msg.count('ComputePathToPose') == 1
+    assert 'ComputePathToPose' in failed.error_msg.partition(': ')[0]
     ended(front.to(1.0))  # the code is not left for the next goal
 
 

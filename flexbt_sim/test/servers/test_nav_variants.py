@@ -61,11 +61,14 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         without_faults('other', namespace='/fleet/beta') as other,
     ):
         probes = [Probe(one), Probe(other)]
-        Simulation(simulator, ['--ros-args', '-p', 'desired_linear_vel:=0.2'])
+        given = '--ros-args -r __node:=x -r __ns:=/y -p desired_linear_vel:=0.2'  # as ros2 launch names the simulator
+        Simulation(simulator, given.split())
         places = [(4.0, 1.0), (3.0, 4.0)]
         paths = [probe.plan(place).result.path for probe, place in zip(probes, places, strict=True)]
         goals = [probe.follow(path) for probe, path in zip(probes, paths, strict=True)]
         assert [goal.wait().status for goal in goals] == [GoalStatus.SUCCEEDED] * 2
+        nodes = one.call(lambda: one.node.get_node_names_and_namespaces())
+        assert {('navigation', '/fleet/alpha'), ('navigation', '/fleet/beta')} <= set(nodes)
         for probe, place in zip(probes, places, strict=True):
             assert probe.wait_at_rest().distance(place) < 0.15
             assert 0.18 < max(probe.speeds(probe.sightings)) < 0.21

@@ -3,8 +3,9 @@
 
 Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
 :func:`flexbt_common.executables.run_main` has loaded the module: it has the arguments, the environment and the standard
-streams that it is given, and ends as the executable does. What differs is the beginning alone: the interpreter, its
-options and the entry point. Tests that are about these start the executable itself.
+streams that it is given, and the working directory of who asks, and ends as the executable does. What differs is the
+beginning alone: the interpreter, its options and the entry point. Tests that are about these start the executable
+itself.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class ForkedProcess:
 
         Raises:
             subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
+            RuntimeError: it has ended, and its exit code is not known, since the server has ended, too.
         """
         if self.returncode is None:
             if not select.select([self._end], [], [], timeout)[0]:
@@ -63,8 +65,9 @@ class ForkedProcess:
 
     def send_signal(self, number: int) -> None:
         """Send a signal, unless it has ended."""
-        if self.poll() is None:
-            os.kill(self.pid, number)  # a zombie at worst, until its exit code is asked for
+        if self.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._end, number)
 
     def kill(self) -> None:
         """kill -9."""
@@ -83,7 +86,10 @@ class ForkServer:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             words = [sys.executable, '-m', __name__, str(other.fileno()), module, *prepared]
-            self._process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()])
+            # Of a session of its own: Ctrl-C in the terminal is for whoever asks, who then ends what it has started.
+            self._process = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()], start_new_session=True
+            )
 
     def start(
         self, words: Sequence[str], output: int, environment: Mapping[str, str], fifo: Path | None = None
@@ -92,7 +98,12 @@ class ForkServer:
 
         ``fifo``: from where its threads are held up (:mod:`.hold_up`).
         """
-        request = {'words': words, 'environment': dict(environment), 'fifo': str(fifo) if fifo else None}
+        request = {
+            'words': words,
+            'environment': dict(environment),
+            'directory': str(Path.cwd()),
+            'fifo': str(fifo) if fifo else None,
+        }
         return ForkedProcess(self, self._ask(request, [output]))
 
     def exit_code(self, pid: int) -> int:
@@ -100,17 +111,23 @@ class ForkServer:
         return self._ask({'ended': pid})
 
     def close(self) -> None:
-        """End it; the processes that it has started run on."""
+        """End it, and the processes that it has started and that run still."""
         self._socket.close()
         self._process.wait()
 
     def _ask(self, request: Mapping[str, Any], files: Sequence[int] = ()) -> int:
-        answer = b''
-        with contextlib.suppress(ConnectionError):
+        answer, cause = b'', None
+        try:
             socket.send_fds(self._socket, [json.dumps(request).encode()], files)
             answer = self._socket.recv(_MAX_REQUEST)
+        except OSError as error:
+            cause = error
+        finally:
+            if not answer:  # interrupted, perhaps: the answer that comes still would be taken for that to the next
+                self._socket.close()
         if not answer:
-            raise RuntimeError(f'the fork server of {self._module} has ended, exit code {self._process.wait()}')
+            code = self._process.wait()
+            raise RuntimeError(f'the fork server of {self._module} has ended, exit code {code}') from cause
         return int(answer)
 
 
@@ -123,22 +140,27 @@ def fork_server(module: str, *prepared: str) -> ForkServer:
 
 
 def _serve(connection: socket.socket) -> tuple[dict[str, Any], int] | None:
-    """Starts processes, and tells how they have ended; None when nobody asks any more.
+    """Starts processes, and tells how they have ended; None when nobody asks any more, and those left are ended.
 
     In each fork it gives what that has been asked to become: the request, and the file for what it says.
     """
+    left: set[int] = set()
     while True:
         data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 1)
         if not data:
+            for pid in left:
+                os.kill(pid, signal.SIGKILL)
             return None
         request = json.loads(data)
         if 'ended' in request:
             answer = os.waitstatus_to_exitcode(os.waitpid(request['ended'], 0)[1])
+            left.remove(request['ended'])
         else:
             answer = os.fork()
             if answer == 0:
                 return request, files[0]
             os.close(files[0])
+            left.add(answer)
         connection.send(str(answer).encode())
 
 
@@ -147,6 +169,7 @@ def _become(request: Mapping[str, Any], output: int) -> None:
     sys.argv = request['words']
     os.environ.clear()
     os.environ.update(request['environment'])
+    os.chdir(request['directory'])
     for stream in (1, 2):
         os.dup2(output, stream)
     os.close(output)

@@ -86,12 +86,15 @@ class Stack:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        for process in self._processes.values():
+            process.kill()
         for name, process in self._processes.items():
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+            try:
+                end = f'exit code {process.wait()}'
+            except RuntimeError as unknown:
+                end = str(unknown)
             # Shown by pytest when the test fails.
-            print(f'--- {name}, exit code {process.returncode}\n{self.output(name)[-LAST_CHARACTERS:]}')
+            print(f'--- {name}, {end}\n{self.output(name)[-LAST_CHARACTERS:]}')
 
     def start(
         self, name: str, parameters: Mapping[str, str] | None = None, environment: Mapping[str, str] | None = None

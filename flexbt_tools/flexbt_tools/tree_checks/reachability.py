@@ -68,7 +68,7 @@ def never_ticked(library: TreeLibrary) -> Iterator[NeverTicked]:
                 if False in ticked:
                     first = ticked.index(False)
                     end = ticked.index(True, first) if True in ticked[first:] else len(ticked)
-                    cause = rule.deciding(first)
+                    cause = rule.deciding(node.values, first)
                     only = own if cause is None else children[cause]
                     yield NeverTicked(tree, node, first, end, cause, only)
             results[id(node)] = own | {

@@ -268,10 +268,14 @@ def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
     assert 'lib/b.xml' in shown.out
 
 
-def test_a_child_that_its_parent_never_ticks(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('parent', 'port', 'others'),
+    [('RetryUntilSuccessful', 'num_attempts', ''), ('RecoveryNode', 'number_of_retries', '<AlwaysFailure/>')],
+)
+def test_a_child_that_its_parent_never_ticks(parent: str, port: str, others: str, tmp_path: Path) -> None:
     never = tmp_path / 'never.xml'
-    never.write_text(document('Main: <RetryUntilSuccessful num_attempts="0"><AlwaysSuccess/></RetryUntilSuccessful>'))
-    finding = '<AlwaysSuccess>: it is never ticked: <RetryUntilSuccessful> has num_attempts="0" [unreachable]'
+    never.write_text(document(f'Main: <{parent} {port}="0">{others}<AlwaysSuccess/></{parent}>'))
+    finding = f'<AlwaysSuccess>: it is never ticked: <{parent}> has {port}="0" [unreachable]'
     assert finding in tool('check', str(never)).out
 
 

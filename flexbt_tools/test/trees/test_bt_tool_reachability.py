@@ -24,6 +24,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import LETTERS
 from flexbt_tools.tree_checks import never_ticked
@@ -66,6 +67,7 @@ class Fail(Succeed):
 
 
 REGISTRY = builtin_registry()
+register_nav2(REGISTRY)
 REGISTRY.register_classes((Free, Succeed, Fail))
 
 
@@ -141,12 +143,16 @@ def test_what_is_said_never_to_be_ticked_is_not(body: str, scripts: dict[str, st
     assert not said(library) & ticked(library, scripts)
 
 
-@pytest.mark.parametrize('tag', CONTROLS)
-def test_all_that_is_never_ticked_is_said(tag: str) -> None:
+RECOVERIES = [f'RecoveryNode number_of_retries="{count}"' for count in (-1, 0, 1)]
+
+
+@pytest.mark.parametrize('head', [*CONTROLS, *RECOVERIES])
+def test_all_that_is_never_ticked_is_said(head: str) -> None:
     """For all rows of two and three leaves of which nothing, or the result, is known: with all that those may give."""
     leaves = ('<AlwaysSuccess/>', '<AlwaysFailure/>', '<Free name="{}"/>')
-    for row in itertools.chain(itertools.product(leaves, repeat=2), itertools.product(leaves, repeat=3)):
-        library = library_of(f'<{tag}>{"".join(row)}</{tag}>'.format(*range(3)))
+    lengths = (2,) if head in RECOVERIES else (2, 3)
+    for row in itertools.chain.from_iterable(itertools.product(leaves, repeat=length) for length in lengths):
+        library = library_of(f'<{head}>{"".join(row)}</{head.split()[0]}>'.format(*range(3)))
         free = [str(number) for number in range(''.join(row).count('Free'))]
         reached: set[int] = set()
         for letters in itertools.product('SFRK', repeat=len(free)):

@@ -42,8 +42,8 @@ class Outcomes(ABC):
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         """What is possible with these ports, when the children may give ``children``, one for each."""
 
-    def deciding(self, child: int) -> int | None:
-        """The child whose results decide whether ``child`` is ticked; None when it is the ports of the node."""
+    def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
+        """The child whose results decide whether ``child`` is ticked; None when it is these ports of the node."""
         return child - 1 if child else None
 
 
@@ -93,7 +93,7 @@ class Choice(Outcomes):
         otherwise = others[0] if others else _FAILURE
         return Possible(results | (otherwise if FAILURE in condition else _NOTHING), ticked)
 
-    def deciding(self, child: int) -> int | None:
+    def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
         return 0
 
 
@@ -137,19 +137,27 @@ class Repeated(Outcomes):
 class Recovered(Outcomes):
     """The second child is ticked when the first fails, and then the first again, as often as ``port`` says.
 
-    Less than 0: no child is ever ticked.
+    0: never the second. Less than 0: no child is ever ticked.
     """
 
     port: str
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
-        count = values[self.port].literal if self.port in values else None
-        if isinstance(count, int) and count < 0:
+        count = self._count(values)
+        if count is not None and count < 0:
             return Possible(_FAILURE, (False, False))
         first, recovery = children
-        is_recovered = FAILURE in first
+        is_recovered = FAILURE in first and count != 0
         results = first | (recovery & _RUNNING if is_recovered else _NOTHING)
-        return Possible(results if isinstance(count, int) else results | _FAILURE, (True, is_recovered))
+        return Possible(results if count is not None else results | _FAILURE, (True, is_recovered))
+
+    def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
+        return None if self._count(values) == 0 else Outcomes.deciding(self, values, child)
+
+    def _count(self, values: Mapping[str, PortValue]) -> int | None:
+        """None when it is not known before a run."""
+        count = values[self.port].literal if self.port in values else None
+        return count if isinstance(count, int) else None
 
 
 @dataclass(frozen=True, slots=True)

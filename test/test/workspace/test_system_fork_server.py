@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes that tests start as forks: none is left behind, and each is where the test is."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from pathlib import Path
+
+import pytest
+
+from flexbt_testing.system import fork_server
+from flexbt_testing.system.processes import MODULES, Stack
+from flexbt_testing.waiting import wait_until
+
+SLEEPER = """
+import os, signal
+
+def main():
+    print(os.getcwd(), os.getppid(), flush=True)
+    signal.pause()
+"""
+NAMES = ('recorder', 'run_report')
+
+pytestmark = pytest.mark.skipif(not fork_server.AVAILABLE, reason='forks of a server are on Linux')
+
+
+@pytest.fixture
+def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The module that the executables NAMES are here."""
+    module = f'sleeper_{tmp_path.name}'
+    (tmp_path / f'{module}.py').write_text(SLEEPER)
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', ''))))
+    for name in NAMES:
+        monkeypatch.setitem(MODULES, name, (module,))
+    return module
+
+
+def words(stack: Stack, name: str) -> list[str]:
+    """What a process has said, when it has said a line."""
+    wait_until(lambda: stack.output(name).endswith('\n'), name)
+    return stack.output(name).split()
+
+
+def test_forks_are_ended_though_their_server_is_gone(
+    sleeper: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elsewhere = tmp_path / 'elsewhere'
+    elsewhere.mkdir()
+    with Stack(tmp_path) as stack:
+        stack.start(NAMES[0])
+        monkeypatch.chdir(elsewhere)
+        stack.start(NAMES[1])
+        server = int(words(stack, NAMES[0])[1])
+        assert words(stack, NAMES[1]) == [str(elsewhere), str(server)]
+        assert os.getsid(server) == server  # no Ctrl-C of the terminal is for it
+        ends = [os.pidfd_open(stack.process_id(name)) for name in NAMES]
+        os.kill(server, signal.SIGKILL)
+        os.kill(stack.process_id(NAMES[0]), signal.SIGKILL)
+        assert select.select([ends[0]], [], [], 60.0)[0]
+    for end in ends:
+        assert select.select([end], [], [], 60.0)[0]
+        os.close(end)
+    said = capsys.readouterr().out
+    assert said.count(f'the fork server of {sleeper} has ended, exit code -9') == 2
+
+
+def test_forks_end_with_whoever_had_them_started(sleeper: str, tmp_path: Path) -> None:
+    server = fork_server.ForkServer(sleeper)
+    with (tmp_path / 'log').open('wb') as log:
+        end = os.pidfd_open(server.start(['sleeper'], log.fileno(), os.environ).pid)
+    server.close()
+    assert select.select([end], [], [], 60.0)[0]
+    os.close(end)
