@@ -240,7 +240,10 @@ def test_who_asks_again_when_a_transform_is_known_is_told_once(runtime: NodeRunt
     def known(_pose: PoseStamped) -> None:
         told.append('wheel' in listener.buffer.frames)
 
-    runtime.call(lambda: listener.transform_pose(goal('base_link'), 'map', known, told.append, 30.0))
+    def unknown(_error: TransformError) -> None:
+        told.append(False)
+
+    runtime.call(lambda: listener.transform_pose(goal('base_link'), 'map', known, unknown, 30.0))
 
     def send() -> None:  # of which none is handled before all have come
         robot.send('map', 'base_link', 1.0, 1.0)
