@@ -15,12 +15,15 @@ bounded time, and no goal is left running without an owner:
 - A server that cannot be reached because its node hangs has not lost the goal: it may go on with it at any time. It is
   waited for while the node is late; and until the node is known to have ended when the goal was canceled without a
   timeout, because who cancels so relies on the end.
+- A goal that was canceled without a timeout before the server has answered is lost, too, when the server twice does not
+  know it: its request, or the server that got it, was lost.
 - Only that answer says so: a cancel that is answered with "unknown" or "terminated" has come after the end of the
   goal, whose result may be on its way still.
 """
 
 from __future__ import annotations
 
+import math
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -127,6 +130,7 @@ class ActionCall:
         self._result_repeat = _RESULT_REPEAT[0]
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
+        self._unknown_since = math.inf
         self._runtime.post(self._start)
 
     @property
@@ -203,9 +207,12 @@ class ActionCall:
         if self.done or self.accepted:
             return
         # The server may have the goal all the same: its answer may be late or lost.
-        self._send_cancel(self._own_handle())
+        asked, answer = self._runtime.steady.now(), self._send_cancel(self._own_handle())
         if self._cancel_requested and self._cancel_timeout is None:
-            self._await_late_acceptance()
+            answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
+            self._after('accept', self._next_cancel(), self._not_accepted)
+            if 'watch' not in self._timers:
+                self._await_late_acceptance()
             return
         self._finish(
             GoalStatus.TIMEOUT,
@@ -215,10 +222,26 @@ class ActionCall:
 
     def _await_late_acceptance(self) -> None:
         """Until the server says what became of the goal, it may begin to work on it at any time."""
-        if not self._link.is_ready() and not self._may_come_back():
+        if self.done or self.accepted:
+            return
+        if self._is_gone():
             self._finish(GoalStatus.LOST, f'action server {self._link} went away without an answer to the goal')
         else:
-            self._after('accept', self._next_cancel(), self._not_accepted)
+            self._after('watch', _WATCH_PERIOD, self._await_late_acceptance)
+
+    def _early_cancel_answered(self, future: Any, asked: float) -> None:
+        """To a cancel that was sent at ``asked``, before the acceptance was heard of."""
+        response = future.result()
+        if self.done or self.accepted or response is None:
+            return
+        if response.return_code != CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
+            self._accepted_unheard()
+        elif asked > self._unknown_since:
+            self._finish(GoalStatus.LOST, f'action server {self._link} does not know the goal: its request was lost')
+        elif self._unknown_since == math.inf:  # the cancel may have overtaken the goal
+            self._unknown_since = self._runtime.steady.now()
+            self._drop('accept')
+            self._after('accept', _CANCEL_REPEAT[0], self._not_accepted)
 
     def _goal_answered(self, future: Any) -> None:
         handle = future.result()
@@ -245,8 +268,8 @@ class ActionCall:
             self._on_acceptance(self._own_handle())
 
     def _on_acceptance(self, handle: Any) -> None:
-        self._drop('accept')
-        self._drop('answer')
+        for purpose in ('accept', 'answer', 'watch'):
+            self._drop(purpose)
         self._handle = handle
         self._ask_for_result()
         if self._cancel_requested:
@@ -289,27 +312,31 @@ class ActionCall:
     def _watch(self) -> None:
         if self.done:
             return
-        now = self._runtime.steady.now()
-        if not self._link.is_ready():
-            self._gone_since = now if self._gone_since is None else self._gone_since
-            if now - self._gone_since >= self._outage_timeout and not self._may_come_back():
-                self._finish(
-                    GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach'
-                )
-                return
-        else:
+        now, was_gone = self._runtime.steady.now(), self._gone_since is not None
+        if self._is_gone():
+            self._finish(GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach')
+            return
+        if self._gone_since is None:
             if self._status in _ENDED and self._ended_seen is None:
                 self._ended_seen = now
             is_late = self._ended_seen is not None and now - max(self._ended_seen, self._result_asked) > _RESULT_LATE
             is_due = now - self._result_asked > self._result_repeat
             if is_due:
                 self._result_repeat = min(2.0 * self._result_repeat, _RESULT_REPEAT[1])
-            if self._gone_since is not None or is_late or is_due:
+            if was_gone or is_late or is_due:
                 self._ask_for_result()
-            if self._gone_since is not None and self._cancel_requested:
+            if was_gone and self._cancel_requested:
                 self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
-            self._gone_since = None
         self._after('watch', _WATCH_PERIOD, self._watch)
+
+    def _is_gone(self) -> bool:
+        """Whether the server has been out of reach for longer than an outage may last."""
+        now = self._runtime.steady.now()
+        if self._link.is_ready():
+            self._gone_since = None
+            return False
+        self._gone_since = now if self._gone_since is None else self._gone_since
+        return now - self._gone_since >= self._outage_timeout and not self._may_come_back()
 
     def _may_come_back(self) -> bool:
         """Whether a server that cannot be reached may still work on the goal."""

@@ -228,6 +228,38 @@ def test_a_cancel_without_a_limit_waits_for_a_late_acceptance(
     wait_until(lambda: not server.running, 'no goal is left')
 
 
+class ForgetfulServer(ActionServer):
+    """Knows no goal: their requests are lost."""
+
+    async def _execute_goal_request(self, request_header_and_message: Any) -> None: ...
+
+
+class DeafServer(ForgetfulServer):
+    """Answers no cancel either."""
+
+    async def _execute_cancel_request(self, request_header_and_message: Any) -> None: ...
+
+
+@pytest.mark.parametrize('server_class', [ForgetfulServer, DeafServer])
+def test_a_goal_whose_request_was_lost_ends_when_it_was_canceled(
+    link: ActionServerLink, server_class: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if server_class is DeafServer:  # only the look for the server can tell
+        monkeypatch.setattr('flexbt_common.calls.action_call._CANCEL_REPEAT', (1000.0, 1000.0))
+    done = Done()
+    with NodeRuntime.open('server') as runtime:
+        ScriptedActionServer(runtime, Wait, 'wait', server_class=server_class)
+        one = call(link, done, accept_timeout=0.2)
+        wait_until(lambda: one._sent, 'the request')
+        one.cancel(None)
+        if server_class is ForgetfulServer:
+            done.wait()
+        else:
+            wait_until(lambda: 'watch' in one._timers, 'the wait for a late answer')
+    outcome = done.wait()
+    assert outcome.status is GoalStatus.LOST, outcome.reason
+
+
 class OvertakingServer(ActionServer):
     """Answers each cancel with ``cancel_code``, and requests for results only when :meth:`release` is called."""
 
