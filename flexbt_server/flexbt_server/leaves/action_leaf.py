@@ -8,7 +8,7 @@ same actuator or server: two of them would move one robot. A server may ignore a
 ended the goal, or is gone. The leaf fails when nothing comes to rest in time, such as a thread that does not return.
 
 While the tree is paused the goal is canceled; when the tree goes on it is sent again, or what is left of it. A goal
-that ended before its cancel had an effect has its result.
+that ended before its cancel had an effect has its result. The leaf fails when the goal does not end in time after that.
 
 Differences from Nav2's BtActionNode, on purpose: a goal that somebody else canceled is a FAILURE and not a SUCCESS;
 a goal whose acceptance came too late is canceled; the error code is written whenever the leaf fails; the end of a goal
@@ -17,6 +17,7 @@ that was canceled is waited for, where Nav2 logs an error and goes on.
 
 from __future__ import annotations
 
+import math
 import threading
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -163,7 +164,7 @@ class ActionLeaf(StatefulAction):
         self._goal: _LeafGoal | None = None
         self._superseded: list[_LeafGoal] = []
         self._waiting = False
-        self._rest_by = 0.0
+        self._rest_by = math.inf
         self._alarm: Timer | None = None
 
     # -- what a subclass says ----------------------------------------------------------------------------------------
@@ -204,7 +205,7 @@ class ActionLeaf(StatefulAction):
 
     @property
     def action_name(self) -> str:
-        """Name of the action, as the node resolves it."""
+        """Name of the action, as the tree gives it."""
         return str(self.get_input_or('server_name', '') or self.default_server)
 
     @property
@@ -225,8 +226,13 @@ class ActionLeaf(StatefulAction):
         assert goal is not None  # sent when the waiting ended
         outcome = goal.outcome
         if goal.canceled and (outcome is None or outcome.status is GoalStatus.CANCELED):  # for a pause
-            if outcome is None or self._is_held:
+            if self._is_held:
                 return NodeStatus.RUNNING
+            if outcome is None:
+                if self._may_wait():
+                    return NodeStatus.RUNNING
+                self._cancel_all()
+                return self._failed('the goal was canceled for a pause, and has not ended: its server ignores that')
             self._begin_to_wait()
             return self._send_at_rest()
         if outcome is not None:
@@ -243,7 +249,19 @@ class ActionLeaf(StatefulAction):
 
     def _begin_to_wait(self) -> None:
         self._waiting = True
+        self._limit_wait()
+
+    def _limit_wait(self) -> None:
+        self._drop_alarm()
         self._rest_by = self._steady.now() + self.host.cancel_timeout + _REST_SECONDS
+
+    def _may_wait(self) -> bool:
+        """Whether there is time left, at whose end the leaf looks again."""
+        if self._steady.now() >= self._rest_by:
+            return False
+        if self._alarm is None and self._rest_by != math.inf:
+            self._alarm = self._steady.call_at(self._rest_by, self.wake)
+        return True
 
     def _send_at_rest(self) -> NodeStatus:
         """Send the goal, or what is left of that which was canceled for a pause, when nothing else goes on."""
@@ -253,9 +271,7 @@ class ActionLeaf(StatefulAction):
         ending.wait(self.wake)  # before the look at it
         others = ending.in_the_way_of(self.action_name, self.skill.resources)
         unfinished = tuple(dict.fromkeys((*self.context.unfinished, *others)))
-        if unfinished and self._steady.now() < self._rest_by:
-            if self._alarm is None:
-                self._alarm = self._steady.call_at(self._rest_by, self.wake)
+        if unfinished and self._may_wait():
             return NodeStatus.RUNNING
         self._stop_waiting()
         if unfinished:
@@ -272,12 +288,11 @@ class ActionLeaf(StatefulAction):
         return NodeStatus.RUNNING
 
     def on_halted(self) -> None:
-        self._stop_waiting()
         self._cancel_all()
 
     def on_resume(self) -> None:
-        if self._waiting:
-            self._begin_to_wait()
+        if self._waiting or (self._goal is not None and self._goal.canceled):
+            self._limit_wait()
 
     def on_pause(self) -> str:
         if self.cancels_on_pause:
@@ -299,7 +314,11 @@ class ActionLeaf(StatefulAction):
 
     def _stop_waiting(self) -> None:
         self._waiting = False
+        self._rest_by = math.inf
         self.host.ending.stop_waiting(self.wake)
+        self._drop_alarm()
+
+    def _drop_alarm(self) -> None:
         if self._alarm is not None:
             self._alarm.cancel()
             self._alarm = None
@@ -313,6 +332,7 @@ class ActionLeaf(StatefulAction):
         self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout), timeout)
 
     def _cancel_all(self) -> None:
+        self._stop_waiting()
         self.abandon()
         self._goal = None
         self._superseded = []

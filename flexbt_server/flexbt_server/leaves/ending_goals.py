@@ -12,9 +12,11 @@ from flexbt_core.clock import Clock, Timer
 
 @dataclass(frozen=True, eq=False)
 class EndingGoal:
-    """A goal of the action ``action`` that was canceled, and of which ``resources`` are the actuators."""
+    """A goal of the action ``action`` that was canceled, and of which ``resources`` are the actuators. ``server`` is
+    the action's full name, which trees may give in other ways, too."""
 
     action: str
+    server: str
     resources: frozenset[str]
     since: float
 
@@ -31,13 +33,16 @@ class EndingGoals:
     goal for that actuator, or for the same server, is sent, by whatever tree.
 
     ``warn(message)`` is told when a goal has not ended ``patience`` seconds after its cancel, and when it has after
-    that.
+    that; ``resolve(action)`` gives the full name of an action.
     """
 
-    def __init__(self, steady: Clock, patience: float, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, steady: Clock, patience: float, warn: Callable[[str], None], resolve: Callable[[str], str]
+    ) -> None:
         self._steady = steady
         self._patience = patience
         self._warn = warn
+        self._resolve = resolve
         self._alarms: dict[EndingGoal, Timer] = {}
         self._overdue: set[EndingGoal] = set()
         self._waiting: set[Callable[[], None]] = set()
@@ -45,7 +50,7 @@ class EndingGoals:
 
     def add(self, action: str, resources: Collection[str]) -> EndingGoal:
         """A goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
-        goal = EndingGoal(action, frozenset(resources), self._steady.now())
+        goal = EndingGoal(action, self._resolve(action), frozenset(resources), self._steady.now())
         with self._lock:
             self._alarms[goal] = self._steady.call_at(goal.since + self._patience, lambda: self._late(goal))
         return goal
@@ -65,10 +70,13 @@ class EndingGoals:
     def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
         """What has to end before a goal for this action with these actuators is sent."""
         with self._lock:
+            if not self._alarms:
+                return ()
+            server = self._resolve(action)
             return tuple(
                 goal.description
                 for goal in self._alarms
-                if goal.action == action or not goal.resources.isdisjoint(resources)
+                if goal.server == server or not goal.resources.isdisjoint(resources)
             )
 
     def wait(self, wake: Callable[[], None]) -> None:

@@ -67,7 +67,12 @@ class BtServer:
             services=ServiceLinks(runtime),
             topics=topics,
             triggers=TriggerServices(runtime),
-            ending=EndingGoals(runtime.steady, parameters.cancel_timeout, logger.warning),
+            ending=EndingGoals(
+                runtime.steady,
+                parameters.cancel_timeout,
+                logger.warning,
+                lambda action: str(runtime.node.resolve_service_name(f'{action}/_action/send_goal')),
+            ),
             frames=RobotFrames(
                 runtime,
                 topics.cache(PoseStamped, parameters.pose_topic, 1),

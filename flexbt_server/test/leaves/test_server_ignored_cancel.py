@@ -9,7 +9,8 @@ import pytest
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
+from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.nodes.server_world import DEADLINE, World, open_world
@@ -17,15 +18,37 @@ from flexbt_testing.waiting import wait_until
 
 Result = BtExecute.Result
 
-TURN_OR_BACK = '<Fallback><Timeout msec="50"><Spin name="turn"/></Timeout><BackUp name="back"/></Fallback>'
+TURN_OR_BACK = '<Fallback><Spin name="turn" _while="turns"/><BackUp name="back"/></Fallback>'
 
 
-def ignores_cancels(world: World, response: CancelResponse) -> ScriptedActionServer:
-    """The server of ``spin``, whose goals go on whatever is asked."""
-    world.navigation.hold.add(names.SPIN)
-    spin = world.navigation.actions[names.SPIN]
-    spin.on_cancel = lambda _handle: response
-    return spin
+def ignores_cancels(world: World, response: CancelResponse, action: str = names.SPIN) -> ScriptedActionServer:
+    """The server of an action, whose goals go on whatever is asked."""
+    world.navigation.hold.add(action)
+    server = world.navigation.actions[action]
+    server.on_cancel = lambda _handle: response
+    return server
+
+
+def turn_then_back(world: World, spin: ScriptedActionServer) -> SentGoal:
+    """Runs TURN_OR_BACK; the turn is halted while the server works on its goal."""
+    world.client.load_tree(TURN_OR_BACK)
+    world.client.set(to_entry('turns', True))
+    goal = world.client.execute()
+    wait_until(lambda: spin.running, 'the goal')
+    world.client.set(to_entry('turns', False))
+    return goal
+
+
+def paused_and_resumed(world: World, server: ScriptedActionServer, leaf: str) -> SentGoal:
+    """Runs a leaf whose goal is canceled for a pause, which is over when this returns."""
+    world.client.load_tree(leaf)
+    goal = world.client.execute()
+    wait_until(lambda: server.running, 'the goal')
+    run_id = goal.call.goal_id.hex()
+    world.server_runtime.call(lambda: world.server.goals.running.find(run_id).run.hold('a test'))
+    wait_until(lambda: server.cancels, 'the cancel for the pause')
+    world.server_runtime.call(lambda: world.server.goals.running.find(run_id).run.hold(''))
+    return goal
 
 
 @pytest.fixture
@@ -38,12 +61,11 @@ def patient() -> Iterator[World]:
 def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: CancelResponse) -> None:
     with open_world(cancel_timeout=0.1) as world:
         spin = ignores_cancels(world, response)
-        world.client.load_tree(TURN_OR_BACK)
         world.client.load_tree('<BackUp name="back"/>', 'Back')
         world.client.load_tree('<Spin name="turn"/>', 'Turn')
         world.client.load_tree('<Wait wait_duration="1"/>', 'Rest')
 
-        told = world.client.execute().result
+        told = turn_then_back(world, spin).result
         assert (told.code, told.failed_node) == (Result.ERROR, 'back'), told.message
         assert 'the goal was not sent' in told.message and 'canceling the goal of spin' in told.message
         assert 'not halted in time: canceling the goal of spin' in told.message
@@ -62,9 +84,8 @@ def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: Ca
 
 def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: World) -> None:
     spin = ignores_cancels(patient, CancelResponse.ACCEPT)
-    patient.client.load_tree(TURN_OR_BACK)
     patient.client.load_tree('<BackUp name="back"/>', 'Back')
-    first = patient.client.execute()
+    first = turn_then_back(patient, spin)
     wait_until(lambda: spin.cancels, 'the cancel')
     other = patient.client.execute('Back')
     wait_until(lambda: other.feedback and other.feedback[-1].active_nodes, 'the other tree')
@@ -76,13 +97,20 @@ def test_what_waits_goes_on_when_the_canceled_goal_has_ended(patient: World) -> 
 def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: World) -> None:
     """The robot moves all the same: what it has reached then is reached."""
     spin = ignores_cancels(patient, CancelResponse.REJECT)
-    patient.client.load_tree('<Spin name="turn"/>')
-    goal = patient.client.execute()
-    wait_until(lambda: spin.running, 'the goal')
-    run_id = goal.call.goal_id.hex()
-    patient.server_runtime.call(lambda: patient.server.goals.running.find(run_id).run.hold('a test'))
-    wait_until(lambda: spin.cancels, 'the cancel for the pause')
-    patient.server_runtime.call(lambda: patient.server.goals.running.find(run_id).run.hold(''))
+    goal = paused_and_resumed(patient, spin, '<Spin name="turn"/>')
     spin.end(0)
     assert goal.wait().status is GoalStatus.SUCCEEDED
     assert patient.navigation.count(names.SPIN) == 1
+
+
+def test_a_leaf_does_not_wait_for_ever_for_what_goes_on_after_a_pause() -> None:
+    with open_world(cancel_timeout=0.1) as world:
+        server = ignores_cancels(world, CancelResponse.REJECT, names.WAIT)
+        told = paused_and_resumed(world, server, '<Wait name="rest" wait_duration="1"/>').result
+        assert (told.code, told.failed_node) == (Result.ERROR, 'rest'), told.message
+        assert 'wait: the goal was canceled for a pause, and has not ended' in told.message
+
+        world.client.load_tree('<Wait name="same" wait_duration="1" server_name="/wait"/>')  # by its full name
+        told = world.client.execute().result
+        assert (told.code, told.failed_node) == (Result.FAILURE, 'same'), told.message
+        assert 'canceling the goal of wait' in told.message and server.cancels and len(server.goals) == 1
