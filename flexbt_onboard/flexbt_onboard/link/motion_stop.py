@@ -3,7 +3,9 @@
 
 The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
 nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that:
-what it says of its goals tells whether one goes on.
+what it says of its goals tells whether one goes on, as long as it is there: another one in its place says nothing
+before its first goal. An answer to a cancel of all goals does not tell: it names neither goals whose cancel is refused,
+nor those that are being canceled already.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
 from rclpy.qos import qos_profile_action_status_default
 
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages
 from flexbt_core.clock import Timer
 
 MOTION_ACTIONS: Final = (
@@ -37,6 +39,9 @@ MOTION_ACTIONS: Final = (
 
 FRONT_ACTIONS: Final = frozenset({'navigate_to_pose', 'navigate_through_poses', 'follow_waypoints'})
 """Those of them by which other programs send the robot somewhere, each through servers of the others."""
+
+_STATUS_BYTES: Final = 1_000_000
+"""The goals of a server are told in at most so many bytes: 35,000 of them."""
 
 _PERIOD: Final = 0.05
 """From one command of zero velocity to the next, s; Nav2's controller server sends its own as often."""
@@ -80,7 +85,7 @@ class MotionStop:
         message_type: Any = TwistStamped if stamped else Twist
         self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
         self._asked: dict[str, ServiceCall] = {}
-        self._busy: dict[str, bool] = {}
+        self._busy: dict[str, set[bytes]] = {}  # by action: the writers who have told of a goal that goes on
         self._timer: Timer | None = None
         self._round = 0
         self._zero_until = 0.0
@@ -100,9 +105,9 @@ class MotionStop:
 
     @property
     def going_on(self) -> list[str]:
-        """The actions of which a goal has not ended, as far as their servers have told since :meth:`prepare` or
-        :meth:`hold`."""
-        return [name for name in self._servers() if self._busy.get(name)]
+        """The actions of which a goal has not ended, as far as servers that are there have told since :meth:`prepare`
+        or :meth:`hold`. One that was killed is there until its lease is over."""
+        return [name for name, busy in self._busy.items() if busy and not busy.isdisjoint(self._writers(name))]
 
     def hold(self) -> None:
         """Begin to keep the robot at rest, until :meth:`release`."""
@@ -145,13 +150,27 @@ class MotionStop:
     def _listen(self, name: str) -> None:
         if name in self._busy:
             return
-        self._busy[name] = False
+        busy = self._busy[name] = set()
 
-        def told(goals: GoalStatusArray) -> None:
-            self._busy[name] = any(goal.status in _GOES_ON for goal in goals.status_list)
+        def told(received: Received) -> None:
+            try:
+                goals = received.unpack(GoalStatusArray).status_list
+            except ValueError:
+                return  # no word of a server
+            writers = self._writers(name) if received.writer == UNKNOWN_WRITER else {received.writer}
+            if any(goal.status in _GOES_ON for goal in goals):
+                busy.update(writers)
+            else:
+                busy.difference_update(writers)
 
-        topic = f'{name}/_action/status'
-        self._runtime.node.create_subscription(GoalStatusArray, topic, told, qos_profile_action_status_default)
+        qos = qos_profile_action_status_default
+        ReceivedMessages(self._runtime.node, GoalStatusArray, _status_topic(name), qos, told, _STATUS_BYTES)
+
+    def _writers(self, name: str) -> set[bytes]:
+        """Those who tell of the goals of an action, as :class:`Received` names them."""
+        node = self._runtime.node
+        endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
+        return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
 
     def _cancel_all(self, name: str) -> None:
         self._listen(name)
@@ -179,6 +198,10 @@ class MotionStop:
             self._commands.publish(message)
         else:
             self._commands.publish(Twist())
+
+
+def _status_topic(action: str) -> str:
+    return f'{action}/_action/status'
 
 
 def _differ(one: Pose, other: Pose) -> bool:

@@ -187,7 +187,6 @@ class RunSupervisor:
     def ended(self, run: BehaviorRun, outcome: str, message: str) -> None:
         """A run has ended, or could not begin."""
         self.run = None
-        self._stops.ended()
         self._operators.watch_over(None)
         last = run.snapshot
         self._journal.set_next_autonomy(last.autonomy)

@@ -38,7 +38,7 @@ class RobotStop(Protocol):
         """Names of actions that may move the robot, and that go on."""
 
     def prepare(self) -> None:
-        """A run begins."""
+        """A run begins, or is told to stop."""
 
     def hold(self) -> None:
         """Begin to keep the robot at rest."""
@@ -71,7 +71,8 @@ class StopWatch:
 
     def halt_robot(self, is_running: bool) -> None:
         """An operator wants the robot to stop, whoever drives it; ``is_running``: there is a run, which is stopped."""
-        if is_running or self._run is not None:  # a run that has ended may have goals that have not
+        run = self._run  # one that has ended may have goals that have not
+        if is_running or (run is not None and (run.has_goals or self._robot.is_holding)):
             self._robot.cancel_others()
             return
         self._leave()
@@ -91,17 +92,12 @@ class StopWatch:
             self._leave()
 
     def stopping(self, run: BehaviorRun) -> None:
-        """A run was told to stop."""
+        """A run was told to stop. The robot is kept at rest until the goals of the run have ended, and those of all
+        that move it, or the next run begins; what goes on when the run has ended at once is seen in a moment."""
         self._run = run
+        self._robot.prepare()  # for servers that have come since the run began
         self._since = self._runtime.steady.now()
         self._check_in(MOTION_SECONDS, run)
-
-    def ended(self) -> None:
-        """The run has ended. The robot is kept at rest until the goals of the run have ended, and those of all that
-        move it, or the next run begins."""
-        run = self._run
-        if run is not None and not run.has_goals and not self._robot.is_holding:
-            self._leave()
 
     def _leave(self) -> None:
         self._run = None

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, Twist
-from nav2_msgs.action import Spin
+from nav2_msgs.action import NavigateToPose, Spin
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
@@ -102,6 +102,29 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         assert len(robot.commands) == count
 
 
+def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:
+    with NodeRuntime.open('executive') as runtime, NodeRuntime.open('next') as later:
+        stop = runtime.call(
+            lambda: MotionStop(
+                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+            )
+        )
+
+        def goes_on() -> list[str]:
+            runtime.call(stop.prepare)
+            return runtime.call(lambda: stop.going_on)
+
+        with NodeRuntime.open('robot') as robot:
+            spin = ScriptedActionServer(robot, Spin, names.SPIN)
+            SentGoal(ActionLinks(later).link(Spin, names.SPIN), Spin.Goal())
+            wait_until(lambda: spin.running and goes_on() == [names.SPIN], 'the goal')
+            ScriptedActionServer(later, Spin, names.SPIN)
+            status = runtime.node.resolve_topic_name(f'{names.SPIN}/_action/status')
+            wait_until(lambda: runtime.call(lambda: runtime.node.count_publishers(status)) == 2, 'the next server')
+            assert goes_on() == [names.SPIN]
+        wait_until(lambda: not goes_on(), 'the end of the first server, with its goal')
+
+
 class _RestsLate(EventState):
     """Has not halted before the test says so: as a goal whose server gives up to wait for another one."""
 
@@ -152,5 +175,24 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
             spin.end(0, 'canceled')
             goal.wait()
             bench.logged('spin has ended: the robot is not kept at rest any more')
+
+            # Nor does a run that is at rest at once let go what somebody else has begun.
+            driver = ScriptedActionServer(robot, NavigateToPose, names.NAVIGATE_TO_POSE, on_cancel=spin.on_cancel)
+            goal = SentGoal(ActionLinks(robot).link(NavigateToPose, names.NAVIGATE_TO_POSE), NavigateToPose.Goal())
+            wait_until(lambda: driver.running, 'the goal of somebody else')
+            bench.start()
+            bench.wait_active('/Drive')
+            stop = bench.executive.runs._stops._robot
+
+            def is_heard() -> bool:
+                bench.runtime.call(stop.prepare)
+                return list(bench.runtime.call(lambda: stop.going_on)) == [names.NAVIGATE_TO_POSE]
+
+            wait_until(is_heard, 'what the server says')
+            bench.applied(ExecutiveCommand.STOP)
+            bench.logged('the robot is kept at rest until the next start: navigate_to_pose went on after the stop')
+            driver.end(0, 'canceled')
+            goal.wait()
+            bench.logged('navigate_to_pose has ended: the robot is not kept at rest any more')
         finally:
             bench.close()
