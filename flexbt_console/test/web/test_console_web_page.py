@@ -176,7 +176,7 @@ def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
 
 
 def test_everything_can_be_done_by_keys(browser: Browser) -> None:
-    robot = WebRobot()
+    robot = WebRobot(answers=False)
     robot.show(PLAN)
     station, touched = robot.station(), []
     station.attention.touched = lambda view, decision_id: touched.append(decision_id)  # type: ignore[method-assign]
@@ -190,6 +190,9 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         browser.until(lambda: browser.run(pressed) == 'true')
         browser.press(Keys.ENTER)
         assert robot.wait_sent(1)[0].outcome == 'failed'
+        browser.press('1')  # it is still there, as after an answer that is refused
+        browser.until(lambda: touched == [PLAN.id, PLAN.id])
+        robot.answers = True
         robot.show(WHERE)
         browser.until_text('decision-line', 'Where to?')
         browser.until_text('map-keys', 'arrows')

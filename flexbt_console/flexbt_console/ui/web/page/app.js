@@ -20,6 +20,7 @@ const tell = (text, tone) => {
 };
 const send = (message) => {
   const sent = link.send(message);
+  if (sent && ('answer' in message || 'do' in message)) touched = undefined;  // that is dealt with; it may be refused, and come back
   if (!sent && !message.complete) tell('the server of this page is gone; nothing was sent', 'error');
   return sent;
 };
