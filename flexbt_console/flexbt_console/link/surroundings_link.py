@@ -120,6 +120,11 @@ class SurroundingsFeed:
         ]
         if [node.uid for node in nodes] != list(range(1, len(nodes) + 1)):
             raise ValueError(f'the nodes of tree {message.behavior_tree!r} are not in the order of their identifiers')
+        if stray := next((node for node in nodes if node.parent >= node.uid), None):
+            raise ValueError(
+                f'node {stray.uid} of tree {message.behavior_tree!r} has the parent {stray.parent}, which does not '
+                'come before it'
+            )
         self._mirror.receive_tree_structure(
             message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number
         )

@@ -131,6 +131,16 @@ def test_what_is_folded_or_cut_fits_and_keeps_its_ends(text: str, cells: int, ro
     assert fold('one two three four', 10, 2, ' ') == ['one two', ' three fo…']
 
 
+def test_a_word_that_is_longer_than_a_row_is_folded_too() -> None:
+    indent = ' ' * 11
+    assert fold('key        ' + 'X' * 25, 20, 9, indent) == [
+        'key        XXXXXXXXX',
+        f'{indent}XXXXXXXXX',
+        f'{indent}XXXXXXX',
+    ]
+    assert fold('厨房' * 4, 10, 9, ' ' * 6) == ['厨房厨房厨', '      房厨', '      房']
+
+
 @given(st.text(), st.integers(1, 200), st.integers(1, 30))
 def test_the_toolbar_fits_into_any_terminal(text: str, width: int, height: int) -> None:
     shown = toolbar(hostile_view(text), width, height)

@@ -211,3 +211,11 @@ def test_what_has_too_much_in_it_is_left_aside(topic: str, message: Any, field: 
         SurroundingsFeed(mirror).receivers[topic](message)
     assert field in str(raised.value) and len(str(raised.value)) < 500
     assert mirror.view() == Mirror(ManualClock()).view()
+
+
+def test_a_tree_with_parents_in_a_ring_is_left_aside() -> None:
+    mirror = Mirror(ManualClock())
+    nodes = [TreeNode(uid=uid, parent=parent) for uid, parent in ((1, 2), (2, 1), (3, 1))]
+    with pytest.raises(ValueError, match=r'node 1 of tree .Drive. has the parent 2'):
+        SurroundingsFeed(mirror).receivers[names.TREE_STRUCTURE](TreeStructure(behavior_tree='Drive', nodes=nodes))
+    assert mirror.view().trees == ()

@@ -11,7 +11,7 @@ import re
 from collections.abc import Awaitable, Callable
 
 import pytest
-from rich.cells import get_character_cell_size
+from rich.cells import set_cell_size, split_graphemes
 from textual.pilot import Pilot
 
 from flexbt_console.commands import CommandBuilder, NobodyAsked
@@ -42,7 +42,10 @@ from flexbt_console.mirror import (
     TreeNode,
 )
 from flexbt_console.ui.screen import KEYS, OperatorScreen
+from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
+from flexbt_console.ui.screen.glyphs import ASCII
 from flexbt_console.ui.screen.panes import Pane
+from flexbt_console.ui.screen.tree_lines import acting_lines
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -111,6 +114,13 @@ class Robot:
         self.mirror.receive_tree_status('t', 1, RUNNING, [], 5.0, finished=False, paused=False)
         self.show()
         self.show()
+
+    def run_tree(self, *parents: int) -> None:
+        """Another tree runs, each of whose nodes does, too; these are their parents."""
+        nodes = [TreeNode(uid, parent, f'Node{uid}', 'Wait') for uid, parent in enumerate(parents, 1)]
+        self.mirror.receive_tree_structure('t', 'Drive', nodes, 5.0, 2)
+        statuses = [NodeStatus.RUNNING] * len(nodes)
+        self.mirror.receive_tree_status('t', 2, statuses, [], 5.0, finished=False, paused=False, structure=2)
 
     def show(self, *decisions: Decision, **parts: object) -> None:
         """The executive says that this waits, and what else is given."""
@@ -402,6 +412,21 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
     on_screen(robot, steps)
 
 
+def test_leaves_that_the_bar_has_no_room_for_are_counted() -> None:
+    for parents, last in (((0, 1, 1, 1), '  > Node4  0 s  in Node1'), ((0, 1, 1, 1, 1, 1), '  +3 more')):
+        robot = Robot()
+        robot.run_tree(*parents)
+        bar = decision_lines(robot.mirror.view(), '', 80, ASCII)
+        assert len(bar) == ROWS and 'Node3' in bar[2] and bar[3] == last
+
+
+def test_parents_in_a_ring_do_not_hang_the_screen() -> None:
+    robot = Robot()
+    robot.run_tree(2, 1, 1)
+    (run,) = robot.mirror.view().running_trees
+    assert acting_lines(run) == ['Node3  0 s  in Node1']
+
+
 class FakeRobots:
     """Robots that are only mirrors."""
 
@@ -500,20 +525,27 @@ class Terminal:
     def write(self, text: str) -> None:
         self.written += len(text.encode())
         row = column = 0
-        for move, sign in re.findall(r'\x1b\[(\d+;\d+)H|\x1b\[[\d;]*m|([^\x1b])', text):
+        for move, newline, signs in re.findall(r'\x1b\[(\d+;\d+)H|\x1b\[[\d;]*m|(\n)|([^\x1b\n\r]+)', text):
             if move:
                 row, column = map(int, move.split(';'))
-            elif sign == '\n':
+            elif newline:
                 row, column = row + 1, 1
-            elif sign not in ('', '\r'):
-                cells = self.rows.setdefault(row, {})
-                for place, part in enumerate((sign, '')[: get_character_cell_size(sign)]):
-                    cells[column + place] = part
-                column += get_character_cell_size(sign)
+            for begin, end, taken in split_graphemes(signs)[0]:
+                for place, part in enumerate((signs[begin:end], '')[:taken]):
+                    self.rows.setdefault(row, {})[column + place] = part
+                column += taken
 
     @property
     def text(self) -> str:
         return '\n'.join(''.join(self.rows[row][column] for column in sorted(self.rows[row])) for row in self.rows)
+
+    def shows(self, pane: Pane) -> bool:
+        """Whether it has the text that was given to a pane, at its place."""
+        left, top, width, height = pane.content_region
+        given = [*pane._text.plain.split('\n'), *[''] * height][:height]
+        columns = range(left + 1, left + 1 + width)
+        rows = [''.join(self.rows[row][column] for column in columns) for row in range(top + 1, top + 1 + height)]
+        return rows == [set_cell_size(line, width) for line in given]
 
 
 @pytest.mark.parametrize('size', [(80, 24), (200, 60)])
@@ -531,10 +563,13 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
             await seen(robot, pilot)
             assert terminal.text == text_of(app)
         assert 'x 2.90' in terminal.text and 100 < terminal.written / 10 < 1000
-        for name in ('厨房', '房厨', 'a厨', 'ab房b', '', '厨房房房'):  # and now characters of two cells
+        # And now characters of two cells, also some that only a variation selector makes so.
+        names = ['厨房', '房厨', 'a厨', 'ab房b', '', '厨房房房', ' 7厨房', ' 8厨房']
+        for name in (*names, '7❤\ufe0f厨', '8❤\ufe0f厨', '8❤\ufe0f房'):
             robot.show(behavior=name, active_states=(ActiveState(f'/{name}', 1.0),))
             await seen(robot, pilot)
             assert terminal.text == text_of(app)
+            assert all(terminal.shows(pane) for pane in app.query(Pane) if pane.display), name
 
     on_screen(robot, steps, size)
 

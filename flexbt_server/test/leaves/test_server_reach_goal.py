@@ -394,7 +394,9 @@ def test_who_watches_the_server_sees_the_nodes_of_the_plan(tmp_path: Path) -> No
         assert [from_entry(entry) for entry in result.outputs] == ['SetBlackboard(front)']
         wait_until(lambda: any(isinstance(one, TreeStatus) and one.finished for one in received), 'the end of the run')
         wait_until(lambda: any(isinstance(one, TreeStructure) and one.number == 3 for one in received), 'the nodes')
-    paths = {one.number: [node.path for node in one.nodes] for one in list(received) if isinstance(one, TreeStructure)}
+    structures = [one for one in list(received) if isinstance(one, TreeStructure)]
+    assert all(node.parent < node.uid for one in structures for node in one.nodes)  # the console takes nothing else
+    paths = {one.number: [node.path for node in one.nodes] for one in structures}
     assert sorted(paths) == [1, 2, 3]  # the leaf, what measures, the plan
     done: list[str] = []
     for message in received:

@@ -168,6 +168,7 @@ def test_random_trees_reach_a_subscriber_whole_and_in_order(server: NodeRuntime,
             )
             for node in tree.nodes
         ]
+        assert all(node.parent < node.uid for node in structure.nodes)  # the console takes nothing else
 
 
 @pytest.mark.parametrize('seed', range(5))

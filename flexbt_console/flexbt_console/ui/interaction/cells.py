@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text in the cells of a terminal, of which wide characters take two: cut and folded to a width."""
+"""Text in the cells of a terminal, of which wide characters take two, as the screen counts them: cut and folded."""
 
 from __future__ import annotations
 
-import unicodedata
+from rich.cells import cell_len
 
 
 def cut(text: str, cells: int) -> str:
@@ -16,19 +16,24 @@ def cut_middle(text: str, cells: int) -> str:
     if _fits(text, cells):
         return text
     begin = _begin(text, (cells - 1) // 3)
-    return begin + '…' * (cells > 0) + _begin(text[::-1], cells - 1 - width(begin))[::-1]
+    room = cells - 1 - width(begin)
+    end = _begin(text[::-1], room)[::-1]
+    while end and width(end) > room:  # backwards nothing is widened
+        end = end[1:]
+    return begin + '…' * (cells > 0) + end
 
 
 def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
-    """``text`` in at most so many rows of so many cells, broken between words where there are any; the rest is cut."""
+    """``text`` in at most so many rows of so many cells, broken between words where that takes a row farther than the
+    indent, and within them otherwise; the rest is cut."""
     folded: list[str] = []
     rest = text
     while rest and len(folded) < rows - 1 and not _fits(rest, cells):
         row = _begin(rest, cells)
-        head, space, _ = row.rpartition(' ')
-        if space and head.strip() and rest[len(row) : len(row) + 1] != ' ':
+        head = row.rpartition(' ')[0]
+        if head.strip() and width(head) > len(indent) and rest[len(row) : len(row) + 1] != ' ':
             row = head
-        if len(row) <= len(indent):  # too narrow for anything but the indent
+        if width(row) <= len(indent):  # too narrow for anything but the indent
             break
         folded.append(row)
         rest = indent + rest[len(row) :].lstrip(' ')
@@ -37,7 +42,7 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
 
 def width(text: str) -> int:
     """The cells that a text takes."""
-    return sum(map(_cells, text))
+    return len(text) if text.isascii() else sum(map(_cells, f' {text}', text))
 
 
 def _fits(text: str, cells: int) -> bool:
@@ -47,16 +52,14 @@ def _fits(text: str, cells: int) -> bool:
 def _begin(text: str, cells: int) -> str:
     if text.isascii():
         return text[: max(0, cells)]
-    used, begin = 0, ''
-    for character in text:
-        used += _cells(character)
+    used = 0
+    for place, taken in enumerate(map(_cells, f' {text}', text)):
+        used += taken
         if used > cells:
-            break
-        begin += character
-    return begin
+            return text[:place]
+    return text
 
 
-def _cells(character: str) -> int:
-    if unicodedata.category(character) in ('Mn', 'Me'):
-        return 0
-    return 2 if unicodedata.east_asian_width(character) in ('W', 'F') else 1
+def _cells(before: str, character: str) -> int:
+    """The cells that a character takes behind another one, which a variation selector may make wide."""
+    return cell_len(before + character) - cell_len(before)

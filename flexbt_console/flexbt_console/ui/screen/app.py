@@ -206,7 +206,6 @@ class OperatorScreen(App[None]):
         self._follow(self._mirror)
         if self._robots is not None:
             self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
-        self._ageing = self.set_interval(AGE_SECONDS, self.draw)
         if self._replay is not None:
             self.set_interval(PLAY_SECONDS, self._play_on)
         self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
@@ -244,7 +243,8 @@ class OperatorScreen(App[None]):
         self._is_planned = False
         self._drawn_at = self._clock.now()
         if self._ageing is not None:
-            self._ageing.reset()
+            self._ageing.stop()
+        self._ageing = self.set_timer(AGE_SECONDS, self.draw)
         view = self._mirror.view()
         self._settle()
         self._picking.drawn(view)

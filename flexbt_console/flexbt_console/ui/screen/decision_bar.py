@@ -91,8 +91,10 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     decision, snapshot = view.decision, view.snapshot
     if decision is None or snapshot is None:
         acting = [f'  {signs.active} {line}' for run in view.running_trees for line in acting_lines(run)]
-        room = (ROWS - 1) // max(1, len(acting))
-        folded = [row for line in acting[: ROWS - 1] for row in fold(line, columns, max(1, room))]
+        room = ROWS - 1
+        if len(acting) > room:
+            acting = [*acting[: room - 1], f'  +{len(acting) - room + 1} more']
+        folded = [row for line in acting for row in fold(line, columns, room // len(acting))]
         return [Line('nothing waits for you', Tone.DIM), *folded]
     others = f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
     waited = age_text(max(0.0, snapshot.stamp - decision.since)) if decision.since else ''

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import groupby, zip_longest
 from typing import Final
 
-from rich.cells import get_character_cell_size
+from rich.cells import split_graphemes
 from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
@@ -61,7 +61,7 @@ def drawn(rows: Sequence[Sequence[Cell]]) -> Text:
 
 
 class Pane(Widget):
-    """A rectangle of lines. Of a row only the cells that have changed go to the terminal, whose line may be slow."""
+    """A rectangle of lines. Of a row, what has changed and what is left of it goes to the terminal."""
 
     DEFAULT_CSS = 'Pane { height: auto; }'
 
@@ -69,11 +69,10 @@ class Pane(Widget):
         super().__init__(id=id)
         self._text = Text()
         self._rows: list[list[Segment]] = []
-        self._changed: dict[int, tuple[int, int]] = {}
 
     def show(self, text: Text) -> None:
         """Draw this, unless it is drawn already."""
-        if text == self._text and text.spans == self._text.spans:
+        if text == self._text:
             return
         before, self._text, no_row = self._rows, text, list[Segment]()
         self._rows = [list(row.render(self.app.console)) for row in text.split('\n')] if text.plain else []
@@ -83,7 +82,6 @@ class Pane(Widget):
         width = self.content_size.width
         for number, (old, new) in enumerate(zip_longest(before, self._rows, fillvalue=no_row)):
             if old != new and (span := _changed(_cells(old, width), _cells(new, width))) is not None:
-                self._changed[number] = span
                 self.refresh(Region(span[0], number, span[1] - span[0], 1))
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
@@ -91,16 +89,10 @@ class Pane(Widget):
         return len(self._rows)
 
     def render_line(self, y: int) -> Strip:
-        """A row, in pieces that end where a change does: the terminal gets whole pieces.
-
-        Textual's update of a part writes as many cells behind it as its first piece has: these are a piece, too.
-        """
-        width, style = self.content_size.width, self.rich_style
+        """See :class:`textual.widget.Widget`."""
+        style = self.rich_style
         strip = Strip(self._rows[y] if y < len(self._rows) else []).apply_style(style)
-        strip = strip.adjust_cell_length(width, style)
-        begin, end = self._changed.get(y, (0, width))
-        ends = {place for place in (begin, end, 2 * end - begin) if 0 < place < width}
-        return Strip.join(strip.divide([*sorted(ends), width]))
+        return strip.adjust_cell_length(self.content_size.width, style)
 
 
 Cells = list[tuple[str, Style | None]]
@@ -109,12 +101,12 @@ Cells = list[tuple[str, Style | None]]
 def _cells(row: Sequence[Segment], width: int) -> Cells:
     """Each cell of a row; the second one of a wide character is ''."""
     cells: Cells = []
-    for segment in row:
-        for sign in segment.text:
-            taken = get_character_cell_size(sign)
+    for text, style, _ in row:
+        for begin, end, taken in split_graphemes(text)[0]:
+            sign = text[begin:end]
             if taken == 0 and cells:
-                cells[-1] = cells[-1][0] + sign, segment.style
-            cells += [(sign, segment.style), ('', segment.style)][:taken]
+                cells[-1] = cells[-1][0] + sign, style
+            cells += [(sign, style), ('', style)][:taken]
     return [*cells[:width], *[(' ', None)] * (width - len(cells))]
 
 

@@ -52,10 +52,10 @@ def acting_lines(run: TreeRun) -> list[str]:
     nodes = {node.uid: node for node in run.nodes}
     shown = []
     for uid in run.running_leaves:
-        around, parent = [], nodes[uid].parent
-        while parent in nodes:
+        around, below, parent = [], uid, nodes[uid].parent
+        while parent in nodes and parent < below:  # there is no ring
             around.append(one_line(nodes[parent].name))
-            parent = nodes[parent].parent
+            below, parent = parent, nodes[parent].parent
         inside = f'  in {", ".join(around)}' if around else ''
         shown.append(f'{one_line(nodes[uid].name)}  {run.seconds(uid):.0f} s{inside}')
     return shown
