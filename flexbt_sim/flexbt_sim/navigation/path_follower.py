@@ -34,7 +34,10 @@ SIDE_TIME: Final = 0.4
 
 AWAY: Final = 0.25
 """From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
-near when it is no circle and turns, since its corners swing."""
+near for each metre that its corners swing, when it is no circle and turns."""
+
+SAME_GAP: Final = 1e-6
+"""Gaps, m, that differ by no more are the same: headings and distances are rounded."""
 
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
@@ -197,9 +200,9 @@ class PathFollower:
                 )
             turn = self._turn_by(angle)
             seconds = min(limits.collision_time, abs(angle / turn.angular))
-            kept = None if collides(self._costmap, pose, turn, seconds) else self._kept_apart(pose, turn, now)
-            return self._wait_for_way(now) if kept is None else kept
-        velocity = self._pursue(pose, now)
+            velocity = None if collides(self._costmap, pose, turn, seconds) else self._kept_apart(pose, turn, now)
+        else:
+            velocity = self._pursue(pose, now)
         if velocity is None:
             velocity = self._wait_for_way(now)
         else:
@@ -287,8 +290,8 @@ class PathFollower:
         if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
         ahead = self._costmap.gap_seen(drive(pose, *velocity, SIDE_TIME / 2.0), reach)
-        escape = max(closing, AWAY * speed if here < 0.0 or swing else 0.0) * SIDE_TIME / 2.0
-        if ahead >= here + escape:
+        escape = max(closing, AWAY * (speed if here < 0.0 else swing)) * SIDE_TIME / 2.0
+        if ahead >= here + escape - SAME_GAP:
             return velocity
         share = (here - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * speed)
         if share > 0.0:

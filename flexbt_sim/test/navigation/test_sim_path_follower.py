@@ -168,6 +168,34 @@ def test_corners_are_kept_apart_from_what_was_seen_beside_them() -> None:
     assert beside is not None and 0.0 <= beside.linear < FOLLOWER.speed / 2.0
 
 
+@pytest.mark.parametrize('yaw', [0.0, 1e-9, -1e-9])
+def test_a_box_drives_along_what_is_near_however_its_bearing_is_rounded(yaw: float) -> None:
+    seen = OPEN.obstacles.copy()
+    seen[OPEN.cell(0.0, 3.27)[0]] = True
+    costmap = Costmap(OPEN, Inflation.of(box(0.6, 0.4)), seen)
+    path = line((3.0, 3.02), (6.0, 3.02))
+    assert 0.0 < costmap.gap_seen(path[0], 1.0) < 0.03
+    velocity = PathFollower(path, costmap, FOLLOWER).step(path[0]._replace(yaw=yaw), 0.0)
+    assert velocity is not None and velocity.linear > 0.0
+    towards = PathFollower(line((3.0, 3.02), (6.0, 3.05)), costmap, FOLLOWER)
+    assert towards.step(path[0], 0.0) == (0.0, 0.0)
+
+
+def test_patience_at_the_goal_begins_anew_after_it_could_turn() -> None:
+    seen = OPEN.obstacles.copy()
+    seen[OPEN.cell(3.0, 3.32)] = True
+    inflation, here = Inflation.of(box(0.6, 0.4)), Pose(3.0, 3.0, 0.0)
+    blocked, free = Costmap(OPEN, inflation, seen), Costmap(OPEN, inflation)
+    motion = PathFollower([here._replace(yaw=1.5)], blocked, FOLLOWER)
+    for now, costmap, turns in ((0.0, blocked, False), (0.1, free, True), (1.0, blocked, False), (1.2, blocked, False)):
+        motion.update(costmap)
+        velocity = motion.step(here, now)
+        assert velocity is not None and (velocity.angular > 0.0) is turns
+    with pytest.raises(NavigationError) as raised:
+        motion.step(here, 1.4)
+    assert raised.value.code == 'PATIENCE_EXCEEDED'
+
+
 def test_beside_the_map_there_is_no_way() -> None:
     path = line((6.0, 3.0), (10.0, 3.0))
     done = run(OPEN, path[0], follower(path))
