@@ -144,7 +144,6 @@ class Host:
             [sys.executable, str(Path(__file__).resolve()), kind],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
             bufsize=0,
         )
         self._lines: queue.Queue[str] = queue.Queue()
@@ -177,6 +176,7 @@ class Host:
         for line in self._process.stdout:
             text = line.decode().strip()
             (self._answers if text.startswith('?') else self._lines).put(text)
+        self._lines.put(f'ended, exit code {self._process.wait()}')
 
     def send(self, command: str) -> None:
         """Begins something; its result is a line."""

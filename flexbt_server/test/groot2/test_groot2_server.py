@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 import random
 import socket
 import threading
@@ -25,9 +23,9 @@ from flexbt_server.groot2 import Groot2Server, LogWriter, MarkLog, WatchedTree, 
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
+from flexbt_testing.system.free_ports import free_pair
 
 DEADLINE = 60.0
-_PORTS = itertools.count(10_000 + os.getpid() % 250 * 100, 2)
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
 <SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>
 <BehaviorTree ID="Two"><Sequence><Script code="y := x"/><AlwaysSuccess/></Sequence></BehaviorTree></root>"""
@@ -58,13 +56,13 @@ def breakpoint(uid: int, **changes: Any) -> bytes:
 
 @pytest.fixture
 def server() -> Iterator[Groot2Server]:
-    with Groot2Server(next(_PORTS)) as opened:
+    with Groot2Server(free_pair()) as opened:
         yield opened
 
 
 @pytest.fixture(scope='module')
 def fuzzed() -> Iterator[Groot2Server]:
-    with Groot2Server(next(_PORTS)) as opened:
+    with Groot2Server(free_pair()) as opened:
         observed(opened, tree())
         yield opened
 
@@ -135,7 +133,7 @@ def test_what_is_wrong_is_said(server: Groot2Server, type: str, content: bytes, 
 
 def test_bytes_that_are_no_messages_do_not_reach_others(server: Groot2Server) -> None:
     """A client that speaks no ZeroMQ, one that goes without its reply, and one whose request is too large."""
-    port = next(_PORTS)
+    port = free_pair()
     with Groot2Server(port) as opened, zmq.Context() as context:
         observed(opened, tree())
         for rubbish in (b'GET / HTTP/1.1\r\n\r\n', b'\xff' * 100, b'\xff\0\0\0\0\0\0\0\1\x7f\3\0NULL', b''):
@@ -156,7 +154,7 @@ def test_bytes_that_are_no_messages_do_not_reach_others(server: Groot2Server) ->
 
 
 def test_a_port_that_is_taken_is_an_error() -> None:
-    port = next(_PORTS)
+    port = free_pair()
     with socket.create_server(('127.0.0.1', port + 1)), pytest.raises(OSError, match=f'{port + 1}.*Groot2'):
         Groot2Server(port)
     with Groot2Server(port):
@@ -182,7 +180,7 @@ def test_the_newest_tree_is_shown(server: Groot2Server) -> None:
 
 
 def test_only_one_tree_is_shown_if_asked_for() -> None:
-    with Groot2Server(next(_PORTS), only='Two') as server:
+    with Groot2Server(free_pair(), only='Two') as server:
         assert server.add(tree('One'), MarkLog(clock)) is None
         assert ask(server, RequestType.STATUS)[0] == b'error'
         two = observed(server, tree('Two'))
@@ -239,7 +237,7 @@ def test_a_hidden_tree_is_not_held(server: Groot2Server) -> None:
 
 
 def test_the_end_of_the_server_lets_go() -> None:
-    with Groot2Server(next(_PORTS)) as server:
+    with Groot2Server(free_pair()) as server:
         held = Held(server, tree(), 1)
     assert held.goes_on() is NodeStatus.SUCCESS
 
@@ -467,6 +465,6 @@ def test_a_tree_that_is_not_shown_keeps_its_observers() -> None:
     shown = tree()
     heard: list[int] = []
     shown.observe(StatusLog(heard))
-    with Groot2Server(next(_PORTS), only='Two') as server, server.watch(shown):
+    with Groot2Server(free_pair(), only='Two') as server, server.watch(shown):
         pass
     assert shown.tick_once() is NodeStatus.SUCCESS and heard

@@ -24,10 +24,10 @@ from groot2_host import Host
 from flexbt_server.groot2 import LogError, read_log
 from flexbt_server.groot2.protocol import RequestType
 from flexbt_testing.behavior_trees import wheel as bt_wheel
+from flexbt_testing.system.free_ports import free_pair
 
 pytestmark = pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed')
 
-_PORTS = itertools.count(20_000 + os.getpid() % 10_000 * 4, 2)
 
 EVERYTHING = """<root BTCPP_format="4" main_tree_to_execute="Main">
 <BehaviorTree ID="Main"><Sequence name="top" _skipIf="false" _onHalted="x:=1"><Script code="a:=1; b:='&lt;&amp;'"/>
@@ -50,7 +50,7 @@ def pairs() -> Iterator[Any]:
 
     def make(xml: str, silence: float = 60.0) -> tuple[Host, Host]:
         for kind in ('engine', 'wheel'):
-            hosts.append(Host(kind, xml, next(_PORTS), silence))
+            hosts.append(Host(kind, xml, free_pair(), silence))
         return hosts[-2], hosts[-1]
 
     yield make

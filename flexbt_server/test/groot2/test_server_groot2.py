@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,10 +23,10 @@ from flexbt_server.groot2 import read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.node import BtServer
 from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.system.free_ports import free_pair
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 Result = BtExecute.Result
-_PORTS = itertools.count(40_000 + os.getpid() % 200 * 100, 2)
 BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep msec="1"/></Sequence>'
 
 
@@ -62,7 +60,7 @@ class Groot2:
 
 @pytest.fixture
 def groot2() -> Iterator[Groot2]:
-    port = next(_PORTS)
+    port = free_pair()
     with open_world(groot2_port=port) as world, zmq.Context() as context:
         world.client.load_tree(BODY)
         yield Groot2(context, port, world)
@@ -152,7 +150,7 @@ def test_parameters_that_cannot_work_are_refused(tmp_path: Path) -> None:
     for parameters, text in (
         ({'btlog_directory': 'relative'}, 'absolute'),
         ({'btlog_directory': str(tmp_path / 'file')}, 'exist'),
-        ({'groot2_port': next(_PORTS), 'groot2_address': 'nowhere.invalid'}, 'groot2_port'),
+        ({'groot2_port': free_pair(), 'groot2_address': 'nowhere.invalid'}, 'groot2_port'),
     ):
         with (
             NodeRuntime.open('bt_server', parameters=parameters) as runtime,
