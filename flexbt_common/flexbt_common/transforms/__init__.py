@@ -2,7 +2,7 @@
 """Frames and the transforms between them: a buffer with the rules of tf2, and what fills it from ``tf``."""
 
 from .buffer import HISTORY, TransformBuffer
-from .listener import BROADCASTERS, TRANSFORM_TIMEOUT, TransformListener, rigid_of, transformed
+from .listener import BROADCASTERS, TRANSFORM_TIMEOUT, TransformListener, take_transforms, transformed
 from .rigid import Rigid
 
 __all__ = [
@@ -12,6 +12,6 @@ __all__ = [
     'Rigid',
     'TransformBuffer',
     'TransformListener',
-    'rigid_of',
+    'take_transforms',
     'transformed',
 ]

@@ -158,9 +158,7 @@ class TransformListener:
         try:
             message = received.unpack(TFMessage)
             check_limits(message)
-            for stamped in message.transforms:
-                parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
-                self._buffer.set(parent, frame, rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
+            take_transforms(self._buffer, message, is_static=is_static)
         except (FlexbtError, ValueError) as error:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         for attempt in list(self._waiting):
@@ -168,6 +166,13 @@ class TransformListener:
                 self._waiting.remove(attempt)  # first: what it calls may ask for transforms, and so hear the next ones
                 if not attempt(False):
                     self._waiting.append(attempt)
+
+
+def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -> None:
+    """Take those of a tf2_msgs/TFMessage into a buffer, up to the first that cannot be. Raises TransformError."""
+    for stamped in message.transforms:
+        parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
+        buffer.set(parent, frame, _rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:
@@ -182,7 +187,7 @@ def transformed(pose: Pose, transform: Rigid) -> Pose:
     return result
 
 
-def rigid_of(message: Any) -> Rigid:
+def _rigid_of(message: Any) -> Rigid:
     """A geometry_msgs/Transform as plain numbers."""
     at, turned = message.translation, message.rotation
     return Rigid((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))

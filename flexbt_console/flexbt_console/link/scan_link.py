@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, rigid_of
+from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, take_transforms
 from flexbt_common.values import check_limits
 from flexbt_console.mirror import Mirror, Points
 from flexbt_core.clock import Timer
@@ -112,9 +112,7 @@ class ScanLink:
         try:
             message = received.unpack(self._types[1])
             check_limits(message)
-            for one in message.transforms:
-                parent, frame, stamp = one.header.frame_id, one.child_frame_id, seconds_of(one.header.stamp)
-                self._frames.set(parent, frame, rigid_of(one.transform), stamp, is_static=is_static)
+            take_transforms(self._frames, message, is_static=is_static)
         except (ValueError, FlexbtError) as error:
             self._tell(f'transforms are left aside: {error}')
         self._place()

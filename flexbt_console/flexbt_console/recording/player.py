@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, resolve_type
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.link import (
@@ -97,9 +97,7 @@ class RunPlayer:
             frames = TransformBuffer()
             for place in (*self._statics, *around):
                 is_static = self._messages[place].topic == names.TF_STATIC
-                for one in self._unpacked(place).transforms:
-                    parent, stamp = one.header.frame_id, seconds_of(one.header.stamp)
-                    frames.set(parent, one.child_frame_id, rigid_of(one.transform), stamp, is_static=is_static)
+                take_transforms(frames, self._unpacked(place), is_static=is_static)
             scan = self._unpacked(at)
             where = frames.lookup(self._feed.map_frame, scan.header.frame_id, seconds_of(scan.header.stamp))
             shown = points_of(scan, where)
@@ -109,8 +107,7 @@ class RunPlayer:
 
     def _unpacked(self, place: int) -> Any:
         """Raises LimitExceededError for a message with too much in it."""
-        one = self._messages[place]
-        message: Any = deserialize_message(one.data, resolve_type(one.type).message)
+        message = _message(self._messages[place])
         check_limits(message)
         return message
 
@@ -139,7 +136,7 @@ class RunPlayer:
         receive = self._receive.get(one.topic)
         if one.topic != names.EXECUTIVE_STATUS and receive is None:
             return
-        message: Any = deserialize_message(one.data, resolve_type(one.type).message)
+        message = _message(one)
         if receive is not None:
             with contextlib.suppress(ValueError, LimitExceededError):  # left aside then, too
                 receive(message)
@@ -148,6 +145,10 @@ class RunPlayer:
 
 
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
+
+
+def _message(one: Recorded) -> Any:
+    return deserialize_message(one.data, resolve_type(one.type).message)
 
 
 def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:

@@ -34,7 +34,7 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
@@ -178,10 +178,7 @@ class CostmapServer:
     def _receive_frames(self, message: TFMessage) -> None:
         try:
             check_limits(message)
-            for stamped in message.transforms:
-                self._frames.set(
-                    stamped.header.frame_id, stamped.child_frame_id, rigid_of(stamped.transform), is_static=True
-                )
+            take_transforms(self._frames, message, is_static=True)
         except FlexbtError as error:
             self._complain(error)
 

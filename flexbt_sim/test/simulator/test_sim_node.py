@@ -23,7 +23,7 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, GoalStatus, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.transforms import TransformBuffer, rigid_of
+from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_sim.ros_messages import map_of, pose_of, seconds_of
 from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_sim.world import DriveModel, load_map
@@ -107,8 +107,9 @@ def gaps(probe: Probe) -> list[float]:
 
 def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:
     there = simulator.place(OFFICE)
-    moving = receive(simulator, TFMessage, names.TF)[-1].transforms
-    fixed = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0].transforms
+    tf = receive(simulator, TFMessage, names.TF)[-1]
+    tf_static = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0]
+    moving, fixed = tf.transforms, tf_static.transforms
     frames = [(transform.header.frame_id, transform.child_frame_id) for transform in (*moving, *fixed)]
     assert frames == [
         ('map', 'odom'),
@@ -117,9 +118,8 @@ def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:
         ('base_link', 'base_scan'),
     ]
     buffer = TransformBuffer()
-    for one in (*moving, *fixed):
-        parent, stamp = one.header.frame_id, seconds_of(one.header.stamp)
-        buffer.set(parent, one.child_frame_id, rigid_of(one.transform), stamp, is_static=one in fixed)
+    take_transforms(buffer, tf, is_static=False)
+    take_transforms(buffer, tf_static, is_static=True)
     for frame in ('base_link', 'base_footprint', 'base_scan'):
         (x, y, _), (_, _, qz, qw) = buffer.lookup('map', frame)
         assert (x, y, 2.0 * math.atan2(qz, qw)) == pytest.approx(there[1:])
