@@ -6,17 +6,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from flexbt_core.exploration import Counterexample
 from flexbt_core.monitors import Stated
 from flexbt_core.values import one_line
 from flexbt_tools.errors import UsageError
-from flexbt_tools.trees import STDIN
+from flexbt_tools.trees import BY_PACKAGE, STDIN
 
 from .moves import plain_moves
-
-_BY_PACKAGE: Final = 'package://'
 
 
 class File(NamedTuple):
@@ -28,7 +26,7 @@ class File(NamedTuple):
         """What stands for it in the text of a test that is in the file ``test``. Raises UsageError."""
         if self.name == STDIN:
             raise UsageError('--save-test: a test cannot read the standard input again; give a file')
-        if self.name.startswith(_BY_PACKAGE):
+        if self.name.startswith(BY_PACKAGE):
             return repr(self.name)
         relative = os.path.relpath(Path(self.name).resolve(), Path(test).resolve().parent)
         return f'str(HERE / {relative!r})'

@@ -2,7 +2,7 @@
 """Tree files of this computer: read, listed, described. Needs no ROS."""
 
 from .blackboard_file import BlackboardFile, json_types, save_blackboard
-from .files import STDIN, find_resource, read_library, read_models, shown_name
+from .files import BY_PACKAGE, STDIN, find_resource, read_library, read_models, shown_name
 from .key_usage import EntryUsage, KeyUsage, Place
 from .keys import KeyUse, uses
 from .outline import PORTS, Item, drawn_nodes, find_tree, is_main, items_of
@@ -12,6 +12,7 @@ from .tree_order import references, roots, sub_trees_first, used_trees
 from .tree_text import tree_as_json, tree_lines
 
 __all__ = [
+    'BY_PACKAGE',
     'PORTS',
     'STDIN',
     'UNKNOWN_PORT',

@@ -22,7 +22,8 @@ from .stand_ins import OpenRegistry, add_models
 STDIN: Final = '-'
 """Stands for the standard input as a file."""
 
-_BY_PACKAGE: Final = 'package://'
+BY_PACKAGE: Final = 'package://'
+"""Before a file in the share directory of a package: ``package://PACKAGE/PATH``."""
 
 _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
 
@@ -41,7 +42,7 @@ def read_library(
     for given in dict.fromkeys(files):
         content, file = b'', given
         try:
-            file = str(find_resource(given.removeprefix(_BY_PACKAGE))) if given.startswith(_BY_PACKAGE) else given
+            file = str(find_resource(given.removeprefix(BY_PACKAGE))) if given.startswith(BY_PACKAGE) else given
             content = texts[file] if file in texts else _content(file)
             document = load_xml(content, shown_name(file), registry, include=_include)
         except OSError as error:

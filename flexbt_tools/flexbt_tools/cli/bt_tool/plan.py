@@ -98,11 +98,11 @@ def _number(text: str) -> int:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    problem = _problem(options)
     report = None if options.quiet else _show_progress
     found: Plan | TeamPlan
     text: str | None = None
     try:
+        problem = _problem(options)
         if isinstance(problem, Team):
             found = plan_team(problem, time_limit=options.time_limit, disturbed=options.disturbed, report=report)
             text = team_xml(found, options.name) if found.policy is not None else None
@@ -161,12 +161,9 @@ def _scene(options: argparse.Namespace) -> Problem:
         raise UsageError(f'{actions}: longer than {_MOST_BYTES} bytes; give a smaller scene')
     if options.goal is None:
         raise UsageError("a scene has no goal; say one: --goal 'IsOn(milk,kitchentable) & IsClean(stove)'")
-    try:
-        found, initial = read_scene(read_text(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
-        start = initial if options.start is None else frozenset(options.start)
-        return Problem(found, start, conditions(parse_goal(options.goal)))
-    except PlanningError as error:
-        raise RefusedError([LoadError(options.mission, 1, 1, '', str(error))]) from error
+    found, initial = read_scene(read_text(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
+    start = initial if options.start is None else frozenset(options.start)
+    return Problem(found, start, conditions(parse_goal(options.goal)))
 
 
 def _show_progress(progress: Progress) -> None:
