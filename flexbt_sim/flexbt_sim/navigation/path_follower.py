@@ -42,6 +42,9 @@ SAME_GAP: Final = 1e-6
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
+HELD_UP: Final = 0.5
+"""Time, s, from one check to the next that counts as driven at most: ten periods of a controller."""
+
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
 NEAREST_LOOKAHEAD: Final = 0.05
@@ -91,17 +94,26 @@ class Sight(NamedTuple):
 
 
 class ProgressChecker:
-    """Notices when the robot gets nowhere. It outlives a change of the path."""
+    """Notices when the robot gets nowhere. It outlives a change of the path.
+
+    What counts is the time in which the robot was driven: where time runs away from a busy machine, a controller that
+    was held up for long between two checks says nothing about the robot.
+    """
 
     def __init__(self, limits: FollowerLimits) -> None:
         self._limits = limits
-        self._mark: tuple[Pose, float] | None = None
+        self._mark: Pose | None = None
+        self._checked = 0.0
+        self._driven = 0.0
 
     def check(self, pose: Pose, now: float, turning: bool) -> None:
         """Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own."""
-        if self._mark is None or turning or self._mark[0].distance(pose) >= self._limits.progress_distance:
-            self._mark = (pose, now)
-        elif now - self._mark[1] > self._limits.progress_time:
+        if self._mark is None or turning or self._mark.distance(pose) >= self._limits.progress_distance:
+            self._mark, self._driven = pose, 0.0
+        else:
+            self._driven += min(now - self._checked, HELD_UP)
+        self._checked = now
+        if self._driven > self._limits.progress_time:
             raise NavigationError(
                 'FAILED_TO_MAKE_PROGRESS',
                 f'moved less than {self._limits.progress_distance:g} m in {self._limits.progress_time:g} s',

@@ -16,6 +16,7 @@ from sim_maps import drawn, free_places, worlds
 
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, FollowerLimits, GridPlanner, Inflation, PathFollower, ProgressChecker
+from flexbt_sim.navigation.path_follower import HELD_UP
 from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, box, compose, wrap
 
 OPEN = drawn(*['.' * 160] * 120)
@@ -251,6 +252,16 @@ def test_progress_is_half_a_metre_in_ten_seconds_whatever_path_is_followed() -> 
     progress = ProgressChecker(FOLLOWER)
     for number in range(5 * steps):
         progress.check(Pose(1.0 + 0.51 * number / steps, 1.0, 0.0), number * PERIOD, turning=False)
+
+
+def test_that_the_controller_was_held_up_is_no_lack_of_progress() -> None:
+    """Where time runs away from a busy machine the robot stands, and turns on when the controller does."""
+    motion = follower(line((1.0, 1.0), (6.0, 1.0)))
+    for number in range(round(FOLLOWER.progress_time / HELD_UP)):
+        assert motion.step(Pose(1.0, 1.0, 3.0), 4.0 * number) is not None
+    with pytest.raises(NavigationError, match='moved less than'):
+        for number in range(3):
+            motion.step(Pose(1.0, 1.0, 3.0), 100.0 + number)
 
 
 def test_a_turn_at_the_goal_is_progress() -> None:
