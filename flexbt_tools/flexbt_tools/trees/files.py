@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Final
 
 from flexbt_core.behavior_tree import LoadError, NodeRegistry, TreeDocument, TreeLibrary, TreeLoadError, load_xml
-from flexbt_core.behavior_tree.model import model_name_problem
+from flexbt_core.behavior_tree.model import tree_name_problem
 from flexbt_core.behavior_tree.xml import MAX_BYTES
 from flexbt_core.errors import FlexbtError
 from flexbt_tools.errors import RefusedError
@@ -79,7 +79,7 @@ def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
 def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[TreeDocument]:
     """What stands for a file that is refused: trees of the same names, so that others find what they refer to."""
     found = dict.fromkeys(_TREE_ID.findall(content.decode('utf-8', 'replace')))
-    ids = [id for id in found if not model_name_problem(id) and id not in registry]
+    ids = [id for id in found if not tree_name_problem(id) and id not in registry]
     trees = ''.join(f'<BehaviorTree ID="{id}"><AlwaysSuccess/></BehaviorTree>' for id in ids)
     return [load_xml(f'<root BTCPP_format="4">{trees}</root>', shown_name(file), registry)] if ids else []
 

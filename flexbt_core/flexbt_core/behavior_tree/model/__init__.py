@@ -37,6 +37,7 @@ from .names import (
     model_name_problem,
     port_name_problem,
     similar_names,
+    tree_name_problem,
 )
 from .outcomes import Choice, Exchanged, InOrder, OneOf, Outcomes, Possible, Recovered, Repeated, Results, TimeLimit
 from .port_types import (
@@ -161,4 +162,5 @@ __all__ = [
     'similar_names',
     'trace_error',
     'trace_failure',
+    'tree_name_problem',
 ]

@@ -28,18 +28,28 @@ def port_name_problem(name: str) -> str:
     return _forbidden_character(name)
 
 
-def model_name_problem(name: str) -> str:
-    """Why ``name`` cannot be the ID of a node type or of a tree; '' when it can."""
+def model_name_problem(name: str, allowed: str = '') -> str:
+    """Why ``name`` cannot be the ID of a node type; '' when it can. The characters ``allowed`` may be in it."""
     if not name:
         return 'the name of a tree or node type cannot be empty'
     if name in ('Root', 'root'):
         return f"'{name}' is a reserved name"
-    return _forbidden_character(name)
+    return _forbidden_character(name, allowed)
 
 
-def _forbidden_character(name: str) -> str:
+def tree_name_problem(name: str) -> str:
+    """Why ``name`` cannot be the ID of a tree; '' when it can.
+
+    It may have blanks between its words: BehaviorTree.CPP up to 4.8 takes them, and MoveIt Pro's trees have them.
+    """
+    return model_name_problem(name, allowed=' ' if name == name.strip(' ') else '')
+
+
+def _forbidden_character(name: str, allowed: str = '') -> str:
     for character in name:
-        if character in FORBIDDEN_IN_NAMES or ord(character) < 0x20 or ord(character) == 0x7F:
+        if (character in FORBIDDEN_IN_NAMES or ord(character) < 0x20 or ord(character) == 0x7F) and (
+            character not in allowed
+        ):
             return f"name '{name}' contains the character {character!r}, which is not allowed there"
     return ''
 

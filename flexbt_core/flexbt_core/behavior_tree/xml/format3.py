@@ -20,7 +20,11 @@ _RENAMED_NODES: Final = {
     'RetryUntilSuccesful': 'RetryUntilSuccessful',
 }
 _RENAMED_PORTS: Final = {
-    'Parallel': {'success_threshold': 'success_count', 'failure_threshold': 'failure_count'},
+    'Parallel': {
+        'threshold': 'success_count',
+        'success_threshold': 'success_count',
+        'failure_threshold': 'failure_count',
+    },
 }
 _CHECKS: Final = frozenset(f'BlackboardCheck{kind}' for kind in ('Int', 'Double', 'String', 'Bool'))
 _SUBTREES: Final = ('SubTree', 'SubTreePlus')
@@ -34,7 +38,10 @@ def is_format_3(root: Element) -> bool:
     if format is not None:
         return format.strip() == '3'
     return any(
-        _node_id(element) in _OLD_NODES or element.tag == 'remap' or '__shared_blackboard' in element.attributes
+        _node_id(element) in _OLD_NODES
+        or element.tag == 'remap'
+        or '__shared_blackboard' in element.attributes
+        or not element.attributes.keys().isdisjoint(_RENAMED_PORTS.get(_node_id(element) or '', ()))
         for element in _all(root)
     )
 
@@ -56,6 +63,10 @@ def _convert(element: Element) -> None:
     elif id is not None:
         if id in _RENAMED_NODES:
             _rename_node(element, _RENAMED_NODES[id])
+        if id == 'Parallel' and 'threshold' in element.attributes:
+            # Up to 3.5: it fails when it cannot succeed any more, and the number of failures has no limit of its own.
+            element.attributes.setdefault('failure_threshold', '-1')
+            element.offsets.setdefault('failure_threshold', element.offsets['threshold'])
         _rename_attributes(element, _RENAMED_PORTS.get(id, {}))
 
 

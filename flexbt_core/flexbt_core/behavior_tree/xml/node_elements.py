@@ -26,10 +26,10 @@ from flexbt_core.behavior_tree.model import (
     Source,
     bool_from_text,
     is_fixed,
-    model_name_problem,
     pointer_key,
     port_name_problem,
     similar_names,
+    tree_name_problem,
 )
 from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
 
@@ -132,7 +132,7 @@ class NodeReader:
         if id is None:
             self._error(element, "<SubTree> needs the attribute 'ID', the tree")
             return None
-        problem = model_name_problem(id)
+        problem = tree_name_problem(id)
         if problem:
             self._error(element, problem, 'ID')
         elif id in self._registry:

@@ -22,8 +22,8 @@ from flexbt_core.behavior_tree.model import (
     TreeDefinition,
     TreeDocument,
     TreeLoadError,
-    model_name_problem,
     port_name_problem,
+    tree_name_problem,
 )
 
 from .format3 import is_format_3, make_format_4
@@ -211,11 +211,13 @@ class _Loader:
                 )
             id = f'BehaviorTree_{len(self._trees)}'
         else:
-            problem = model_name_problem(id)
+            problem = tree_name_problem(id)
             if problem:
                 self._error(source, element, problem, 'ID')
             elif id in self._registry:
                 self._error(source, element, f'[{id}] is the name of a node type, and cannot name a tree', 'ID')
+            elif ' ' in id:
+                self._warn(source, element, f'BehaviorTree.CPP from 4.9 on refuses the blank in the name [{id}]')
         if len(element.children) != 1:
             self._error(source, element, f'a tree has exactly 1 root node, not {len(element.children)}')
         root: NodeDefinition | None = None

@@ -41,6 +41,10 @@ def text_of(element: Element) -> str:
             '<Parallel success_threshold="2" failure_threshold="{n}"><A/></Parallel>',
             '<Parallel success_count="2" failure_count="{n}"><A/></Parallel>',
         ),
+        (
+            '<Control ID="Parallel" threshold="{n}"><A/></Control>',
+            '<Control ID="Parallel" success_count="{n}" failure_count="-1"><A/></Control>',
+        ),
         ('<SubTree ID="T" a="x" b="{y}"/>', '<SubTree ID="T" a="{x}" b="{y}"/>'),
         ('<SubTree ID="T" name="n" __shared_blackboard="true"/>', '<SubTree ID="T" name="n" _autoremap="true"/>'),
         ('<SubTree ID="T"><remap internal="a" external="x"/></SubTree>', '<SubTree ID="T" a="{x}"/>'),
@@ -65,7 +69,12 @@ def test_which_files_are_of_format_3() -> None:
     assert is_format_3(root('<A/>'))
     assert not is_format_3(root('<SequenceStar/>', ' BTCPP_format="4"'))
     assert not is_format_3(root('<A/>', ''))
-    for sign in ('<SequenceStar/>', '<Action ID="SequenceStar"/>', '<SubTree ID="T" __shared_blackboard="true"/>'):
+    for sign in (
+        '<SequenceStar/>',
+        '<Action ID="SequenceStar"/>',
+        '<SubTree ID="T" __shared_blackboard="true"/>',
+        '<Parallel success_threshold="1"/>',
+    ):
         assert is_format_3(root(sign, ''))
 
 

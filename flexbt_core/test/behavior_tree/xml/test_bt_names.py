@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Which names are allowed for trees, sub-trees, instances and ports: the cases of BehaviorTree.CPP 4.10 (its wheel,
-4.8.2, does not look at names)."""
+4.8.2, does not look at names). Trees may have blanks in their names, as there."""
 
 from __future__ import annotations
 
@@ -61,6 +61,7 @@ ACCEPTED = {
     'a tree with an underscore': tree('My_Main_Tree'),
     'a Chinese tree': tree('检查门'),
     'a German tree': tree('Türöffner'),
+    'trees with blanks': tree('Main Tree', '<SubTree ID="Sub Tree"/>') + tree('Sub Tree'),
     'an instance': tree('M', '<AlwaysSuccess name="my_success_node"/>'),
     'an instance with spaces': tree('M', '<AlwaysSuccess name="my success node"/>'),
     'an instance with a period': tree('M', '<AlwaysSuccess name="node.name"/>'),
@@ -71,11 +72,11 @@ ACCEPTED = {
 REFUSED = {
     'a tree Root': tree('Root'),
     'a tree root': tree('root'),
-    'a tree with a space': tree('Main Tree'),
+    'a tree with a blank before its name': tree(' Main'),
     'a tree with a period': tree('Main.Tree'),
     'a tree without a name': tree('') + tree('Other'),
     'trees without IDs': '<BehaviorTree><AlwaysSuccess/></BehaviorTree>' * 2,
-    'a sub-tree with a space': tree('M', '<SubTree ID="Sub Tree"/>') + tree('Sub Tree'),
+    'a sub-tree with a tabulator': tree('M', '<SubTree ID="Sub&#9;Tree"/>') + tree('Sub&#9;Tree'),
     'a port with a space': tree('M') + model('input value'),
     'a port named ID': tree('M') + model('ID'),
     'a port that begins with a digit': tree('M') + model('1port'),

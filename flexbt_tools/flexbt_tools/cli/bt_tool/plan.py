@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import LoadError
-from flexbt_core.behavior_tree.model import model_name_problem
+from flexbt_core.behavior_tree.model import tree_name_problem
 from flexbt_core.planning import (
     Outcome,
     Plan,
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _tree_id(text: str) -> str:
-    problem = model_name_problem(text)
+    problem = tree_name_problem(text)
     if problem:
         raise argparse.ArgumentTypeError(problem)
     return text
