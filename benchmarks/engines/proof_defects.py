@@ -19,8 +19,8 @@ import copy
 import random
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 from xml.etree import ElementTree
@@ -40,15 +40,15 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_core.exploration import Choices, Limits, Report, TreeSystem, explore
+from flexbt_core.exploration import Limits, Report, TreeSystem, compare, explore
 from flexbt_core.monitors import parse_requirement, problems_with
 from flexbt_core.skills import Predicate, Skill
 from flexbt_testing.behavior_trees.seeded_trees import StandIn
 
 TARGET: Final = 0.95
 _LIMITS: Final = Limits(seconds=20.0)
-_PAIRS: Final = 5000
-"""Pairs of situations that are compared at most; trees that are alike so far count as the same."""
+_PAIRS: Final = Limits(seconds=20.0, configurations=5000)
+"""Situations of both trees that are compared at most; those that are alike so far count as the same."""
 
 Element = ElementTree.Element
 
@@ -348,44 +348,6 @@ def maker(mission: Mission, xml: str) -> Callable[[], TreeSystem] | None:
         return None
 
 
-def same(one: TreeSystem, other: TreeSystem) -> bool:
-    """Whether the same can happen to both: followed side by side, from what has begun to what ends."""
-    first = (one.capture(), other.capture())
-    seen = {(first[0].key, first[1].key)}
-    ahead = deque([first])
-    while ahead and len(seen) < _PAIRS:
-        here = ahead.popleft()
-        for left, right in _steps(one, other, here):
-            if left != right:
-                return False
-            pair = (one.capture(), other.capture())
-            if (pair[0].key, pair[1].key) not in seen:
-                seen.add((pair[0].key, pair[1].key))
-                ahead.append(pair)
-    return True
-
-
-def _steps(one: TreeSystem, other: TreeSystem, here: tuple[object, object]) -> Iterator[tuple[object, object]]:
-    """What is seen of each step of both, with the same label and the same answers."""
-    one.restore(here[0])  # type: ignore[arg-type]
-    other.restore(here[1])  # type: ignore[arg-type]
-    labels = list(one.labels())
-    yield sorted(labels), sorted(other.labels())
-    for label in labels:
-        answers: list[tuple[int, ...]] = [()]
-        while answers:
-            given = answers.pop()
-            seen = []
-            for system, configuration in ((one, here[0]), (other, here[1])):
-                system.restore(configuration)  # type: ignore[arg-type]
-                before, choices = system.clock.now(), Choices(given)
-                violations = system.step(label, choices)
-                events = tuple(system.happened())[:-1]
-                seen.append((events, system.ended, system.clock.now() - before, violations, tuple(choices.made)))
-            yield seen[0], seen[1]
-            answers += choices.others()
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--number', type=int, default=200, help='defects in all (default: %(default)s)')
@@ -409,7 +371,7 @@ def main() -> int:
         known.add(xml)
         make = maker(mission, xml)
         is_found = make is None or bool(_report(make).counterexamples)
-        if not is_found and make is not None and same(sound[mission](), make()):
+        if not is_found and make is not None and compare(sound[mission], make, _PAIRS, most=0).is_same:
             alike[kind] += 1
             continue
         tried[kind] += 1

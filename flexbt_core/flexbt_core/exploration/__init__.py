@@ -11,6 +11,7 @@
 from flexbt_core.monitors import Property, Violation
 
 from .choices import Choice, Choices
+from .comparison import Comparison, Described, Difference, compare
 from .configuration import Configuration, Memory
 from .explorer import (
     DEFAULT_CONFIGURATIONS,
@@ -39,8 +40,11 @@ __all__ = [
     'Bounds',
     'Choice',
     'Choices',
+    'Comparison',
     'Configuration',
     'Counterexample',
+    'Described',
+    'Difference',
     'Label',
     'LeafKind',
     'LeafModel',
@@ -62,6 +66,7 @@ __all__ = [
     'TreeSystem',
     'Violation',
     'VirtualClock',
+    'compare',
     'explore',
     'leaf_model',
     'narrate',

@@ -24,7 +24,7 @@ from .model import Answer, Counterexample, Label, Move, Report, System, livelock
 
 DEFAULT_SECONDS: Final = 60.0
 DEFAULT_CONFIGURATIONS: Final = 200_000
-_ANSWERS_OF_A_STEP: Final = 4096
+ANSWERS_OF_A_STEP: Final = 4096
 """Ways to answer in one step that are tried; there may be more where many conditions are asked in one tick."""
 _CHECKED: Final = 100
 """Of so many configurations one is compared with what the steps from the beginning lead to."""
@@ -142,7 +142,7 @@ class _Exploration:
             if self._is_late():
                 graph.unfinished.add(configuration.key)
                 break
-            if tried > _ANSWERS_OF_A_STEP:
+            if tried > ANSWERS_OF_A_STEP:
                 self._cut = True
                 graph.unfinished.add(configuration.key)
                 break
@@ -216,7 +216,7 @@ class _Exploration:
         graph, system = self._graph, self._system
         notes: list[str] = []
         if self._cut:
-            notes.append(f'in a step, more than {_ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
+            notes.append(f'in a step, more than {ANSWERS_OF_A_STEP} ways to answer; the rest was not tried')
         turn = graph.round()
         if turn is not None:
             self._note(livelock(self._at(turn)), turn)

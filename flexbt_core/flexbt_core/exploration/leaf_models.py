@@ -116,7 +116,8 @@ class Environment:
 
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
-    ``answers`` were given in the step that is under way. ``due`` is when an attempt has to be given up, by its skill.
+    ``answers`` were given in the step that is under way, in which the actions ``begun`` began. ``due`` is when an
+    attempt has to be given up, by its skill.
     """
 
     def __init__(self, values: Mapping[str, tuple[Any, ...]], found: Callable[[Violation], None]) -> None:
@@ -124,6 +125,7 @@ class Environment:
         self.canceling: dict[str, UnfinishedWork | None] = {}
         self.choices = Choices()
         self.events: list[str] = []
+        self.begun: list[TreeNode] = []
         self.answers: dict[str, int] = {}
         self.values = values
         self.facts = Facts()
@@ -133,6 +135,7 @@ class Environment:
     def asks(self) -> None:
         """A step is under way: nothing was answered in it, and what was measured before may have changed."""
         self.events = []
+        self.begun = []
         self.answers = {}
         self.facts.measured.clear()
 
@@ -143,6 +146,7 @@ class Environment:
         if action.declared is not None and action.declared.deadline is not None:
             self.due[action.path] = action.clock.now() + action.declared.deadline
         action.acts()
+        self.begun.append(action)
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
@@ -266,6 +270,9 @@ class ModelInstant(_Model):
         except Exception as error:
             raise self.fault(error) from error
         self.status = status
+        if self.kind is not NodeKind.CONDITION:
+            self.environment.begun.append(self)
+            self.environment.events.append(f'{self.path} is done: {status.name}')
         return status
 
 

@@ -33,6 +33,7 @@ from flexbt_core.state_machine import (
     MachineDefinition,
     MachineRun,
     Severity,
+    StateDefinition,
     UserData,
 )
 from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
@@ -40,13 +41,12 @@ from flexbt_core.state_machine.model import Scope
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .model import START, STOP, Answer, Label, servers_gone
+from .model import ALARM, START, STOP, Answer, Label, servers_gone
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
 
 OUTCOME: Final = 'outcome'
 CONFIRMED: Final = 'cancel confirmed'
-ALARM: Final = 'time goes by'
 IGNORED: Final = 'cancel ignored'
 APPROVE: Final = 'operator approves'
 CHOOSE: Final = 'operator chooses'
@@ -99,7 +99,7 @@ _WIRED: Final = {
             *('_on_wake', '_stop_timeout', '_lock', 'monitor'),
         )
     ),
-    MachineEnvironment: frozenset(('choices', 'answers', 'found')),
+    MachineEnvironment: frozenset(('choices', 'answers', 'begun', 'found')),
     MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
     Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', 'skill')),
@@ -161,6 +161,7 @@ class MachineSystem:
         defaults = dict.fromkeys((key for one in self._written for key in one.keys), _DEFAULT)
         shown = {key: defaults.get(key, value) for key, value in definition.defaults.items()}
         self._definition = modelled(replace(definition, defaults=shown), models, self._environment)
+        self._states = {node.path: node for node in self._definition.nodes() if isinstance(node, StateDefinition)}
         self._observer = _Observer(self)
         self._woken = False
         self._counted = _Counted()
@@ -285,6 +286,7 @@ class MachineSystem:
         run, environment = self._run, self._environment
         environment.choices = choices
         environment.answers = {}
+        environment.begun = []
         self._found = []
         self._events = []
         self._happen(label)
@@ -346,6 +348,18 @@ class MachineSystem:
 
     def happened(self) -> Sequence[str]:
         return [*self._events, self.position()]
+
+    def paths(self) -> Sequence[str]:
+        return [node.path for node in self._definition.nodes()]
+
+    def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """States with their types, and which keys of their machines their own keys are."""
+        return [(path, self._described(self._states[path])) for path in self._environment.begun]
+
+    @staticmethod
+    def _described(leaf: StateDefinition) -> tuple[str, ...]:
+        keys = (*leaf.state.input_keys, *leaf.state.output_keys)
+        return (leaf.state.type_name, *(f'{key}={leaf.remap.get(key, key)}' for key in keys))
 
     def covered(self) -> frozenset[str]:
         return frozenset(self._taken)

@@ -40,6 +40,9 @@ STOP: Final = 'stop'
 START: Final = 'start'
 """The kind of label by which it begins."""
 
+ALARM: Final = 'time goes by'
+"""The kind of label by which the next time comes for which something waits."""
+
 OPERATOR: Final = 'operator'
 """With this the other kinds of labels begin that are the operator's."""
 

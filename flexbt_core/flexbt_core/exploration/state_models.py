@@ -86,7 +86,8 @@ def state_model(definition: StateDefinition) -> StateModel:
 
 
 class MachineEnvironment:
-    """What the models have in common: what is active, and the answers of the step that is under way.
+    """What the models have in common: what is active, and the answers of the step that is under way, and the
+    paths of the states that have ``begun`` in it.
 
     ``active`` are the states that work, ``ending`` those that were left and have something to end, by their paths;
     ``overdue`` are those for which nobody waits any more. ``board`` is what is on the blackboards of trees.
@@ -100,6 +101,7 @@ class MachineEnvironment:
         self.found = found
         self.choices = Choices()
         self.answers: dict[str, int] = {}
+        self.begun: list[str] = []
 
 
 class ModelState(EventState):
@@ -128,6 +130,7 @@ class ModelState(EventState):
 
     def on_enter(self, userdata: UserData) -> None:
         self.result = None
+        self.environment.begun.append(self.own_path)
         for key in self.input_keys:
             userdata[key]
         for key in sorted(self.model.reads - self.environment.board):

@@ -41,12 +41,11 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import START, STOP, Answer, Label
+from .model import ALARM, START, STOP, Answer, Label
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
 CONFIRMED: Final = 'cancel confirmed'
-ALARM: Final = 'time goes by'
 TICK: Final = 'tick'
 
 _MODELS: Final = (ModelAction, ModelGate, ModelInstant)
@@ -82,7 +81,7 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'answers', 'found')),
+        Environment: frozenset(('values', 'choices', 'events', 'begun', 'answers', 'found')),
         Facts: frozenset(('_needed', 'measured', 'names')),
         ModelAction: frozenset(('needs', '_path')),
         ModelInstant: frozenset(('needs', '_path')),
@@ -175,6 +174,11 @@ class TreeSystem:
         self._withheld: set[int] = set()
         monitor.begins(self._tree)
         self.given = self._give(set(given))
+        self._entry_names = {
+            id(entry): key
+            for subtree in reversed(self._tree.subtrees)
+            for key, entry in subtree.blackboard._entries.items()
+        }
         self._run = _Run()
         self._memory = Memory(
             (
@@ -339,6 +343,26 @@ class TreeSystem:
 
     def happened(self) -> Sequence[str]:
         return [*self._environment.events, self.position()]
+
+    def paths(self) -> Sequence[str]:
+        return [node.path for node in self._tree.nodes]
+
+    def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """Leaves with their types, inputs and outputs: the keys, and values where somebody has written plain ones."""
+        return [
+            (node.path, (node.id, *(self._port_text(node, name) for name in sorted(node._values))))
+            for node in self._environment.begun
+        ]
+
+    def _port_text(self, node: TreeNode, name: str) -> str:
+        value = node._values[name]
+        if value.key is None:
+            return f'{name}="{value.text}"'
+        entry = node.blackboard.entry(value.key)
+        key = value.key if entry is None else self._entry_names.get(id(entry), value.key)
+        is_plain = entry is not None and type(entry.value) in (bool, int, float, str)
+        plain = f' ({entry.value!r})' if entry is not None and is_plain and entry.value else ''
+        return f'{name}="{{{key}}}"{plain}'
 
     def covered(self) -> frozenset[str]:
         return frozenset(node.path for node in self._tree.nodes if node.uid in self._ticked)

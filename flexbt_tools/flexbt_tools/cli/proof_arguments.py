@@ -14,7 +14,17 @@ from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Cou
 from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
 from flexbt_core.values import one_line
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.proofs import File, KeptProofs, Replay, report_as_json, report_lines, saved_test
+from flexbt_tools.proofs import (
+    Compared,
+    File,
+    KeptProofs,
+    Replay,
+    comparison_as_json,
+    comparison_lines,
+    report_as_json,
+    report_lines,
+    saved_test,
+)
 from flexbt_tools.text_files import read_text, write_text
 
 from . import arguments
@@ -100,18 +110,24 @@ def tell_unused(options: argparse.Namespace, named: Iterable[str], proved: Colle
         print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
 
 
-def tell(options: argparse.Namespace, reports: Sequence[Report]) -> ExitCode:
+def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Sequence[Compared] = ()) -> ExitCode:
     """Print what was found, and write the pictures and the recording that are wanted; the exit code."""
     if options.json:
-        print(json.dumps({'proofs': [report_as_json(report) for report in reports]}))
+        plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports]}
+        if compared:
+            plain['comparisons'] = [comparison_as_json(one) for one in compared]
+        print(json.dumps(plain))
     else:
-        for report in reports:
-            for line in report_lines(report):
-                print(one_line(line, 2000))
-    if any(not report.holds for report in reports):
+        lines = [line for report in reports for line in report_lines(report)]
+        for line in [*lines, *(line for one in compared for line in comparison_lines(one))]:
+            print(one_line(line, 2000))
+    is_wrong = any(not report.holds for report in reports)
+    if is_wrong:
         _save(options, reports)
+    if is_wrong or any(not one.comparison.is_same for one in compared):
         return ExitCode.NEGATIVE
-    return ExitCode.OK if all(report.is_complete for report in reports) else ExitCode.UNFINISHED
+    followed = [report.is_complete for report in reports] + [one.comparison.is_complete for one in compared]
+    return ExitCode.OK if all(followed) else ExitCode.UNFINISHED
 
 
 def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:

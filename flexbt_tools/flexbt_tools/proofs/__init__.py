@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Proofs about trees, and how any proof is told: what may happen is followed with the real engines."""
 
+from .compared import Compared, comparison_as_json, comparison_lines
 from .kept_proofs import KeptProofs
 from .model_proof import result_as_json, result_lines
 from .moves import moves_of
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
 from .saved_test import File, Replay, requirement_texts, saved_test
-from .tree_proof import GOALS, prove_tree, replay_in, replay_tree, told_requirements
+from .tree_proof import GOALS, compare_trees, prove_tree, replay_in, replay_tree, told_requirements
 
 __all__ = [
     'GOALS',
+    'Compared',
     'File',
     'KeptProofs',
     'ProgressLine',
     'Replay',
+    'compare_trees',
+    'comparison_as_json',
+    'comparison_lines',
     'moves_of',
     'prove_tree',
     'replay_in',

@@ -9,12 +9,23 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree import LoadError, NodeKind, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
-from flexbt_core.exploration import Limits, Progress, Report, TreeSystem, Violation, explore, replay, servers_gone
+from flexbt_core.exploration import (
+    Limits,
+    Progress,
+    Report,
+    TreeSystem,
+    Violation,
+    compare,
+    explore,
+    replay,
+    servers_gone,
+)
 from flexbt_core.monitors import Stated, parse_requirement, problems_with
 from flexbt_server.node_types import node_registry
 from flexbt_tools.errors import RefusedError, UnfitError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, read_models, references
 
+from .compared import Compared
 from .kept_proofs import NOTE, KeptProofs, digest_of
 from .moves import moves_of
 
@@ -75,6 +86,30 @@ def prove_tree(
             f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'
         )
     return replace(report, notes=(*report.notes, *notes))
+
+
+def compare_trees(
+    before: tuple[TreeLibrary, TreeKey],
+    now: tuple[TreeLibrary, TreeKey],
+    *,
+    given: Iterable[str] = (),
+    limits: Limits | None = None,
+    name: str = '',
+) -> Compared:
+    """Follow two versions of a tree side by side, as :func:`prove_tree` follows one; ``name`` is what they are called.
+
+    Raises TreeLoadError and RefusedError as that does.
+    """
+    keys = {*GOALS, *given}
+    for library, key in (before, now):
+        _unknown_leaves(library, key)
+        keys.update(TreeSystem(library, key, given=keys).given)  # what one reads from outside is there for both
+
+    def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
+        return TreeSystem(library, key, given=keys)
+
+    found = compare(lambda: make(*before), lambda: make(*now), limits)
+    return Compared(name or f'tree {now[1].id}', found)
 
 
 def told_requirements(required: Sequence[Stated]) -> str:

@@ -350,3 +350,40 @@ def test_a_model_is_known_by_its_main_file(tmp_path: Path) -> None:
     assert done.code == 1 and 'statistical: 738 random runs' in done.out
     done = tool('prove', model(tmp_path, '1.7'))
     assert done.code == 3 and 'grasp.ascxml:1:' in done.err and 'the probability 1.7' in done.err
+
+
+def test_a_version_beside_the_one_before(tmp_path: Path) -> None:
+    old, new = tmp_path / 'old.xml', tmp_path / 'new.xml'
+    old.write_text(document('Main: <RetryUntilSuccessful num_attempts="2"><Spin/></RetryUntilSuccessful>'))
+    new.write_text(
+        document('Main: <Sequence><RetryUntilSuccessful num_attempts="2"><Spin/></RetryUntilSuccessful></Sequence>')
+    )
+    same = tool('prove', str(new), '--against', str(old))
+    assert same.code == 0 and 'tree Main, against before: does the same (' in same.out
+    new.write_text(document('Main: <Spin/>'))
+    assert tool('prove', str(new)).code == 0  # nothing is wrong with it by itself
+    done = tool('prove', str(new), '--against', str(old))
+    assert done.code == 1 and 'DIFFERS' in done.out
+    assert (
+        '2. result Spin FAILURE\n    before:\n           Spin begins\n    now:\n           the tree ends: FAILURE'
+        in done.out
+    )
+    plain = json.loads(tool('prove', str(new), '--against', str(old), '--json').out)
+    assert plain['comparisons'][0]['differences'][0]['now'] == ['the tree ends: FAILURE']
+    new.write_text(document('Mian: <Spin/>', main=None))
+    other = tool('prove', str(new), '--against', str(old))
+    assert other.code == 3 and "has no tree 'Mian'; did you mean 'Main'?" in other.err
+
+
+def test_a_behavior_beside_the_one_before(tmp_path: Path) -> None:
+    def version(name: str, plan: str, unplanned: str) -> str:
+        folder = tmp_path / name
+        folder.mkdir()
+        return split(folder, plan, unplanned)
+
+    old = version('old', '<ComputePathToPose goal="{goal}" path="{path}"/>', 'failed')
+    new = version('new', '<Wait/>', 'Plan')
+    assert behavior('prove', old, '--against', old)[0] == 0
+    code, out, _ = behavior('prove', new, '--against', old)
+    assert code == 1 and 'tree Plan, against before: ' in out and 'tree Drive, against before: does the same' in out
+    assert '/Plan > failed -> =failed' in out and '/Plan > failed -> /Plan' in out

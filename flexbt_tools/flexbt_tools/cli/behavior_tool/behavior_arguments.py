@@ -43,9 +43,9 @@ def add_tree_files(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def built(options: argparse.Namespace) -> BuiltBehavior:
-    """The behavior that is meant. Raises UsageError when it cannot be built."""
-    behavior = build(behavior_entry(options.name), parameters(options))
+def built(options: argparse.Namespace, name: str) -> BuiltBehavior:
+    """The behavior of this name, or file. Raises UsageError when it cannot be built."""
+    behavior = build(behavior_entry(name), parameters(options))
     if behavior.machine is None:
         raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
     return behavior

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    behavior = built(options)
+    behavior = built(options, options.name)
     assert behavior.machine is not None
     used = UsedTrees()
     if not options.no_trees:

@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from flexbt_core.exploration import Bounds, Counterexample, Operator, RestoreError
 from flexbt_core.monitors import Stated
-from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy
-from flexbt_tools.behavior_proofs import BehaviorProof, prove_behavior
-from flexbt_tools.behaviors import machine_file, used_trees
+from flexbt_core.state_machine import AUTONOMY_NAMES, Autonomy, MachineDefinition
+from flexbt_tools.behavior_proofs import BehaviorProof, Version, compare_behaviors, prove_behavior
+from flexbt_tools.behaviors import BuiltBehavior, UsedTrees, machine_file, used_trees
 from flexbt_tools.cli import arguments, proof_arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
-from flexbt_tools.proofs import File, ProgressLine, Replay, requirement_texts
+from flexbt_tools.proofs import Compared, File, ProgressLine, Replay, requirement_texts
 
 from .behavior_arguments import add_parameters, add_tree_files, built, parameters
 
@@ -48,15 +48,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
     proof_arguments.add_requirements(parser, 'machine of the behavior')
+    parser.add_argument(
+        '--against',
+        metavar='OLD',
+        help='the version before, an installed behavior or a file (.yaml): tell what the behavior does otherwise now',
+    )
+    parser.add_argument(
+        '--against-trees',
+        metavar='FILE',
+        action='append',
+        default=[],
+        help='as --trees, for the version before (default: those of --trees); repeatable',
+    )
     proof_arguments.add_limits(parser)
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    behavior = built(options)
+    behavior = built(options, options.name)
     assert behavior.machine is not None
-    used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
-    if used.findings:  # of a tree that is not known nothing could be proved
-        raise UnfitError('\n'.join(finding.text(behavior.name) for finding in used.findings))
+    used = _used(options, behavior, options.trees)
     operator = Operator.ALL if options.forces else Operator(options.operator)
     bounds = Bounds(
         operator,
@@ -87,10 +97,38 @@ def run(options: argparse.Namespace) -> ExitCode:
         raise UsageError(f'{behavior.name}: {error}') from error
     finally:
         progress.end()
-    code = proof_arguments.tell(options, proof.reports)
+    code = proof_arguments.tell(options, proof.reports, _compared(options, behavior.machine, used, bounds))
     if options.save_test is not None and not all(report.holds for report in proof.reports):
         proof_arguments.save_test(options, list(_wrong(options, proof, bounds, required, by_name)))
     return code
+
+
+def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[str]) -> UsedTrees:
+    assert behavior.machine is not None
+    used = used_trees(behavior.machine, files, arguments.registry(options, allow_unknown=True))
+    if used.findings:  # of a tree that is not known nothing could be proved
+        raise UnfitError('\n'.join(finding.text(behavior.name) for finding in used.findings))
+    return used
+
+
+def _compared(
+    options: argparse.Namespace, machine: MachineDefinition, used: UsedTrees, bounds: Bounds
+) -> list[Compared]:
+    """The behavior beside the version before."""
+    if options.against is None:
+        return []
+    old = built(options, options.against)
+    assert old.machine is not None
+    before = Version(old.machine, _used(options, old, options.against_trees or options.trees))
+    return compare_behaviors(
+        machine.label or options.name,
+        before,
+        Version(machine, used),
+        bounds,
+        seconds=options.seconds,
+        configurations=options.situations,
+        given=options.given,
+    )
 
 
 def _wrong(

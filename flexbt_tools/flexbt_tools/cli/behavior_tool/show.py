@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    behavior = built(options)
+    behavior = built(options, options.name)
     assert behavior.machine is not None
     if options.json:
         print(

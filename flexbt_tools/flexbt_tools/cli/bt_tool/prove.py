@@ -7,12 +7,14 @@ The main file of a model in the format of AS2FM is known by its first element: s
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
-from flexbt_core.behavior_tree import TreeKey, TreeLoadError
+from flexbt_core.behavior_tree import TreeKey, TreeLibrary, TreeLoadError
 from flexbt_core.exploration import Limits, RestoreError
+from flexbt_core.values import hint
 from flexbt_tools.cli import arguments, proof_arguments
-from flexbt_tools.errors import ExitCode, RefusedError, UsageError
-from flexbt_tools.proofs import File, ProgressLine, Replay, prove_tree, requirement_texts
+from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
+from flexbt_tools.proofs import Compared, File, ProgressLine, Replay, compare_trees, prove_tree, requirement_texts
 from flexbt_tools.trees import find_tree, read_library, roots
 
 from . import prove_model
@@ -27,6 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_node_types(parser, allow_unknown=False)
     proof_arguments.add_faults(parser, 'servers that are gone for good')
     proof_arguments.add_requirements(parser, 'tree')
+    parser.add_argument(
+        '--against',
+        metavar='OLD',
+        action='append',
+        default=[],
+        help='file of the version before, or - for the standard input: tell what the trees do otherwise now; '
+        'repeatable',
+    )
     proof_arguments.add_limits(parser)
     prove_model.add_arguments(parser)
 
@@ -36,6 +46,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         return prove_model.run(options)
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
+    before = _before(options, keys)
     own, by_name = proof_arguments.requirements(options)
     proof_arguments.tell_unused(options, by_name, [key.id for key in keys])
     required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
@@ -61,7 +72,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             raise UsageError(f'{name}: {error}') from error
         finally:
             progress.end()
-    code = proof_arguments.tell(options, list(reports.values()))
+    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library))
     if options.save_test is not None and not all(report.holds for report in reports.values()):
         files = [File(file) for file in options.files]
         settings = {'given': options.given, **proof_arguments.node_settings(options)}
@@ -82,3 +93,35 @@ def run(options: argparse.Namespace) -> ExitCode:
             ],
         )
     return code
+
+
+def _before(options: argparse.Namespace, keys: Sequence[TreeKey]) -> list[tuple[TreeLibrary, TreeKey, TreeKey]]:
+    """Where the version before has the trees, beside their keys now."""
+    if not options.against:
+        return []
+    old = read_library(options.against, arguments.registry(options, allow_unknown=True))
+    found = []
+    for key in keys:
+        before = old.find(key.id)
+        if before is None:
+            known = sorted(one.id for one in roots(old))
+            raise UnfitError(f"--against: {', '.join(options.against)} has no tree '{key.id}'{hint(key.id, known)}")
+        found.append((old, before, key))
+    return found
+
+
+def _compared(
+    options: argparse.Namespace, before: Sequence[tuple[TreeLibrary, TreeKey, TreeKey]], library: TreeLibrary
+) -> list[Compared]:
+    try:
+        return [
+            compare_trees(
+                (old, earlier),
+                (library, key),
+                given=options.given,
+                limits=Limits(options.seconds / len(before), options.situations),
+            )
+            for old, earlier, key in before
+        ]
+    except TreeLoadError as error:
+        raise RefusedError(error.errors) from error

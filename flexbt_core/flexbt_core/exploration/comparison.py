@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Two versions of a tree, or of a machine, side by side: where can it be told which of them runs?
+
+Both make the same steps, with the same answers, from their beginnings on. What is told apart is what the environment
+and the operator see: what begins, with which inputs, what ends, what can happen next, and how long it takes. By which
+controls and conditions a version comes to that is its own affair.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
+
+from .choices import Choices
+from .configuration import Configuration
+from .explorer import ANSWERS_OF_A_STEP, Limits
+from .model import ALARM, Label, System
+from .virtual_time import VirtualClock
+
+_DIGITS: Final = 6
+"""Of seconds that are compared."""
+_UNNAMED: Final = re.compile(r'::\d+$')
+
+
+class Described(System, Protocol):
+    """A system that is compared."""
+
+    clock: VirtualClock
+
+    def paths(self) -> Sequence[str]:
+        """What labels and lines name, in the order in which it stands in the file."""
+
+    def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """What has begun to work in the last step, or was done at once: its path, and its type and inputs."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A step after which the versions can be told apart, in ``before`` and ``now``; ``lines`` are the shortest way to
+    it, which is the same in both."""
+
+    lines: tuple[str, ...]
+    before: tuple[str, ...]
+    now: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What was found of two versions, with so many ``situations`` (pairs of both).
+
+    ``differences`` are the first of each kind, the nearest first; ``more`` were found beside them.
+    ``is_complete``: all that can happen to both was followed, up to where they differ; otherwise ``stopped_by`` says
+    what ended it.
+    """
+
+    situations: int
+    steps: int
+    seconds: float
+    stopped_by: str
+    differences: tuple[Difference, ...]
+    more: int
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything was followed."""
+        return not self.stopped_by
+
+    @property
+    def is_same(self) -> bool:
+        """Whether no step was found that tells the versions apart."""
+        return not self.differences
+
+
+def compare(
+    before: Callable[[], Described], now: Callable[[], Described], limits: Limits | None = None, *, most: int = 3
+) -> Comparison:
+    """Follow all that can happen to both of two versions, which are made anew at their beginnings, and tell the
+    ``most`` differences that are nearest to the beginning."""
+    return _SideBySide(_Version(before()), _Version(now()), limits or Limits()).result(most)
+
+
+def names_of(paths: Iterable[str]) -> dict[str, str]:
+    """Names that stay when something else is put in, for paths that do not: a node without a name has its number
+    among those of its type instead of that among all nodes."""
+    counts: Counter[str] = Counter()
+    found = {}
+    for path in paths:
+        name, scope = path, ''
+        parts = path.split('/')
+        for place, part in enumerate(parts):
+            if _UNNAMED.search(part):
+                plain = _UNNAMED.sub('', part)
+                whole = '/'.join(parts[: place + 1])
+                if whole not in found:
+                    counts[f'{scope}{plain}'] += 1
+                    number = counts[f'{scope}{plain}']
+                    found[whole] = f'{scope}{plain}{"" if number == 1 else f" ({number})"}'
+                scope = f'{found[whole]}/'
+            else:
+                scope = f'{scope}{part}/'
+            name = scope[:-1]
+        found[path] = name
+    return found
+
+
+class _Seen(NamedTuple):
+    """What is seen of a step: lines, how it has ended, the time that went by, what has begun, what is possible then."""
+
+    lines: tuple[str, ...]
+    ended: str | None
+    passed: float
+    begun: tuple[tuple[str, tuple[str, ...]], ...]
+    possible: frozenset[Label]
+
+    def leads_where(self, other: _Seen) -> bool:
+        """Whether the same has happened, so that what comes after it can be compared."""
+        return self[:3] == other[:3]
+
+    def beside(self, other: _Seen) -> Iterator[str]:
+        """What is seen, as lines that show what is not so in the other version."""
+        if self.passed != other.passed:
+            yield f'{self.passed:g} s go by'
+        yield from self.lines
+        if not self.lines:
+            yield 'nothing begins, and nothing ends'
+        theirs = dict(other.begun)
+        for path, parts in self.begun:
+            if path in theirs and parts != theirs[path]:
+                yield f'{path}: {" ".join(part for part in parts if part not in theirs[path])}'
+        only = self.possible - other.possible
+        if only and self.leads_where(other):
+            yield f'can happen next, only here: {", ".join(sorted(map(str, only)))}'
+
+
+class _Version:
+    """One of both, in names that they share."""
+
+    def __init__(self, system: Described) -> None:
+        self.system = system
+        self.first = system.capture()
+        changed = {path: name for path, name in names_of(system.paths()).items() if path != name}
+        self._names: Mapping[str, str] = changed
+        words = sorted(changed, key=len, reverse=True)
+        self._pattern = re.compile('|'.join(rf'{re.escape(word)}(?!\d)' for word in words)) if words else None
+
+    def named(self, text: str) -> str:
+        if self._pattern is None:
+            return text
+        return self._pattern.sub(lambda match: self._names[match.group()], text)
+
+    def labels(self) -> dict[Label, Label]:
+        """What can happen, by the names of both."""
+        return {Label(*map(self.named, label)): label for label in self.system.labels()}
+
+    def step(self, label: Label, choices: _SharedChoices) -> tuple[_Seen, bool]:
+        """What is seen of it, and whether something is wrong with it."""
+        system, begin = self.system, self.system.clock.now()
+        choices.asks(self.named)
+        violations = system.step(label, choices)
+        seen = _Seen(
+            lines=tuple(map(self.named, system.happened()[:-1])),
+            ended=system.ended,
+            passed=round(system.clock.now() - begin, _DIGITS) if label.kind == ALARM else 0.0,
+            begun=tuple((self.named(path), parts) for path, parts in system.begun()),
+            possible=frozenset(self.labels()),
+        )
+        return seen, bool(violations)
+
+
+class _SharedChoices(Choices):
+    """Answers of one step of both: what one was told, the other is told, too, whenever it asks."""
+
+    def __init__(self, given: Sequence[int] = ()) -> None:
+        super().__init__(given)
+        self._told: dict[tuple[str, int], str] = {}
+        self._asked: Counter[str] = Counter()
+        self._named: Callable[[str], str] = str
+
+    def asks(self, named: Callable[[str], str]) -> None:
+        """From now on one asks that has these names."""
+        self._named = named
+        self._asked.clear()
+
+    def choose(self, question: str, options: Sequence[str]) -> int:
+        name = self._named(question)
+        self._asked[name] += 1
+        place = (name, self._asked[name])
+        if self._told.get(place) in options:
+            return list(options).index(self._told[place])
+        taken = super().choose(name, options)
+        self._told[place] = options[taken]
+        return taken
+
+
+class _Place(NamedTuple):
+    """How a pair was reached: from which other, by what."""
+
+    source: tuple[bytes, bytes]
+    label: Label
+    answers: tuple[int, ...]
+
+
+class _SideBySide:
+    def __init__(self, before: _Version, now: _Version, limits: Limits) -> None:
+        self._before, self._now, self._limits = before, now, limits
+        self._from: dict[tuple[bytes, bytes], _Place | None] = {}
+        self._found: dict[tuple[object, ...], tuple[_Place, _Seen, _Seen]] = {}
+        self._steps = 0
+        self._cut = ''
+        self._begin = time.process_time()
+
+    def result(self, most: int) -> Comparison:
+        stopped_by = self._search()
+        differences = [self._told(*found) for found in list(self._found.values())[:most]]
+        return Comparison(
+            situations=len(self._from),
+            steps=self._steps,
+            seconds=time.process_time() - self._begin,
+            stopped_by=stopped_by,
+            differences=tuple(differences),
+            more=len(self._found) - len(differences),
+        )
+
+    def _search(self) -> str:
+        """Follow all; what has ended it before."""
+        first = (self._before.first, self._now.first)
+        key = (first[0].key, first[1].key)
+        self._from[key] = None
+        ahead = deque([first])
+        while ahead:
+            pair = ahead.popleft()
+            source = (pair[0].key, pair[1].key)
+            for label, answers, before, now, is_sound in self._steps_from(pair):
+                place = _Place(source, label, answers)
+                if before != now:
+                    self._found.setdefault(_kind(label, before, now), (place, before, now))
+                if not is_sound or not before.leads_where(now):
+                    continue
+                reached = (self._before.system.capture(), self._now.system.capture())
+                key = (reached[0].key, reached[1].key)
+                if key not in self._from:
+                    self._from[key] = place
+                    ahead.append(reached)
+            if time.process_time() - self._begin > self._limits.seconds:
+                return f'the time limit of {self._limits.seconds:g} s'
+            if len(self._from) > self._limits.configurations:
+                return f'the limit of {self._limits.configurations} situations'
+        return self._cut
+
+    def _steps_from(
+        self, pair: tuple[Configuration, Configuration]
+    ) -> Iterator[tuple[Label, tuple[int, ...], _Seen, _Seen, bool]]:
+        """All steps that both can make, with what is seen of each, and whether nothing is wrong with it. Both are
+        where it leads to."""
+        versions = (self._before, self._now)
+        for version, configuration in zip(versions, pair, strict=True):
+            version.system.restore(configuration)
+        labels = [version.labels() for version in versions]
+        for name in [one for one in labels[0] if one in labels[1]]:
+            ahead: list[tuple[int, ...]] = [()]
+            tried = 0
+            while ahead:
+                tried += 1
+                if tried > ANSWERS_OF_A_STEP:
+                    self._cut = f'more than {ANSWERS_OF_A_STEP} ways to answer in one step'
+                    break
+                choices = _SharedChoices(ahead.pop())
+                seen, wrong = [], False
+                for version, configuration, known in zip(versions, pair, labels, strict=True):
+                    version.system.restore(configuration)
+                    one, is_wrong = version.step(known[name], choices)
+                    seen.append(one)
+                    wrong |= is_wrong
+                self._steps += 1
+                ahead += reversed(choices.others())
+                yield name, choices.answers, seen[0], seen[1], not wrong
+
+    def _told(self, place: _Place, before: _Seen, now: _Seen) -> Difference:
+        way = [place]
+        while (earlier := self._from[way[-1].source]) is not None:
+            way.append(earlier)
+        versions = (self._before, self._now)
+        for version in versions:
+            version.system.restore(version.first)
+        lines: list[str] = []
+        for number, step in enumerate(reversed(way), start=1):
+            choices = _SharedChoices(step.answers)
+            seen = [version.step(version.labels()[step.label], choices)[0] for version in versions]
+            chosen = ', '.join(map(str, choices.made))
+            lines.append(f'{number}. {step.label}{f" ({chosen})" if chosen else ""}')
+            if step is not place:
+                lines += [f'     {line}' for line in seen[0].lines]
+        return Difference(tuple(lines), tuple(before.beside(now)), tuple(now.beside(before)))
+
+
+def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:
+    """What differences of one kind have in common."""
+    if before.leads_where(now):
+        begun = frozenset(before.begun) ^ frozenset(now.begun)
+        return (begun, before.possible - now.possible, now.possible - before.possible)
+    return (label, before[:3], now[:3])

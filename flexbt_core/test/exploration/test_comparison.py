@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Two versions of a tree side by side: what was written otherwise does the same, and what does not is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    NodeStatus,
+    TreeKey,
+    TreeLibrary,
+    builtin_registry,
+    input_port,
+    load_xml,
+)
+from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.exploration import Comparison, Limits, MachineSystem, TreeSystem, compare
+from flexbt_core.state_machine import EventState, OperatableStateMachine, define
+from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn
+
+
+class Drive(StandIn):
+    ports = {'path': input_port(STRING), 'speed': input_port(STRING, default='slow')}
+
+
+class IsSafe(Condition):
+    def tick(self) -> NodeStatus:
+        raise AssertionError('a proof runs no real leaf')
+
+
+class IsNear(IsSafe):
+    pass
+
+
+class Work(EventState):
+    def __init__(self) -> None:
+        super().__init__(['done', 'failed'], desired_rate=None)
+
+
+class OtherWork(Work):
+    pass
+
+
+add = OperatableStateMachine.add
+
+
+def versions(before: str, now: str, limits: Limits | None = None) -> Comparison:
+    def maker(tree: str) -> Callable[[], TreeSystem]:
+        registry = builtin_registry()
+        registry.register_classes([Plan, Drive, IsSafe, IsNear])
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>'
+        library = TreeLibrary([load_xml(text, 'main.xml', registry)])
+        return lambda: TreeSystem(library, TreeKey('main.xml', 'Main'), given=('goal', 'path'))
+
+    return compare(maker(before), maker(now), limits)
+
+
+DRIVE = '<Drive path="{path}"/>'
+
+
+@pytest.mark.parametrize(
+    ('before', 'now'),
+    [
+        (DRIVE, f'<Sequence><AlwaysSuccess/>{DRIVE}</Sequence>'),  # other numbers of nodes without a name
+        (f'<Inverter><Inverter>{DRIVE}</Inverter></Inverter>', DRIVE),
+        ('<Sequence><IsSafe/><IsNear/></Sequence>', '<Sequence><IsNear/><IsSafe/></Sequence>'),
+        (f'<ReactiveSequence><IsSafe/>{DRIVE}</ReactiveSequence>',
+         f'<WhileDoElse><IsSafe/>{DRIVE}<AlwaysFailure/></WhileDoElse>'),
+    ],
+    ids=['deeper', 'inverted twice', 'order of conditions', 'another control'],
+)  # fmt: skip
+def test_what_is_only_written_otherwise_does_the_same(before: str, now: str) -> None:
+    found = versions(before, now)
+    assert found.is_complete and found.is_same, found.differences
+
+
+@pytest.mark.parametrize(
+    ('before', 'now', 'seen_before', 'seen_now', 'steps'),
+    [
+        ('<RetryUntilSuccessful num_attempts="2"><Drive path="{path}"/></RetryUntilSuccessful>', DRIVE,
+         ['Drive begins'], ['the tree ends: FAILURE'], 2),
+        ('<ReactiveSequence><IsSafe/><Drive path="{path}"/></ReactiveSequence>',
+         '<Sequence><IsSafe/><Drive path="{path}"/></Sequence>',
+         ['Drive is being canceled', 'the tree ends: FAILURE'], ['the tree ends: SUCCESS'], 2),
+        ('<Timeout msec="1000"><Drive path="{path}"/></Timeout>',
+         '<Timeout msec="2000"><Drive path="{path}"/></Timeout>',
+         ['1 s go by', 'Drive is being canceled', 'the tree ends: FAILURE'],
+         ['2 s go by', 'Drive is being canceled', 'the tree ends: FAILURE'], 2),
+        ('<Timeout msec="1000"><Drive path="{path}"/></Timeout>', DRIVE,
+         ['Drive begins', 'can happen next, only here: time goes by'], ['Drive begins'], 1),
+        ('<Drive name="go" path="{path}"/>', '<Plan name="go" path="{path}"/>',
+         ['go begins', 'go: Drive speed="slow"'], ['go begins', 'go: Plan'], 1),
+        ('<Sequence><Script code="v:=\'fast\'"/><Drive path="{path}" speed="{v}"/></Sequence>',
+         '<Sequence><Script code="v:=\'faster\'"/><Drive path="{path}" speed="{v}"/></Sequence>',
+         ['Drive begins', 'Drive: speed="{v}" (\'fast\')'], ['Drive begins', 'Drive: speed="{v}" (\'faster\')'], 1),
+    ],
+    ids=['attempts', 'memory', 'time', 'no time limit', 'another leaf', 'another value'],
+)  # fmt: skip
+def test_a_difference_is_shown_by_the_shortest_way(
+    before: str, now: str, seen_before: list[str], seen_now: list[str], steps: int
+) -> None:
+    found = versions(before, now)
+    first = found.differences[0]
+    assert (list(first.before), list(first.now)) == (seen_before, seen_now)
+    assert first.lines[-1].startswith(f'{steps}. ')
+    other_way = versions(now, before).differences[0]
+    assert (other_way.before, other_way.now) == (first.now, first.before)
+
+
+def test_of_machines_transitions_and_types_of_states_are_compared() -> None:
+    def maker(after_plan: str, driver: type[EventState]) -> Callable[[], MachineSystem]:
+        with OperatableStateMachine(['finished', 'failed']) as machine:
+            add('Plan', Work(), {'done': 'Drive', 'failed': after_plan})
+            add('Drive', driver(), {'done': 'finished', 'failed': 'failed'})
+        definition = define(machine)
+        return lambda: MachineSystem(definition)
+
+    before = maker('failed', Work)
+    assert compare(before, maker('failed', Work)).is_same
+    (wrong_target, *_) = compare(before, maker('Drive', Work)).differences
+    assert wrong_target.lines[-1] == '2. outcome /Plan failed'
+    assert wrong_target.now[0] == '/Plan > failed -> /Drive'
+    (other_type,) = compare(before, maker('failed', OtherWork)).differences
+    assert (other_type.before[-1], other_type.now[-1]) == ('/Drive: Work', '/Drive: OtherWork')
+
+
+def test_what_is_cut_off_is_said() -> None:
+    found = versions(DRIVE, DRIVE, Limits(configurations=1))
+    assert found.is_same and not found.is_complete and 'limit of 1 situations' in found.stopped_by
