@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from bisect import insort
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -30,7 +31,7 @@ from .descriptions import (
     fault_parameters,
     hint,
 )
-from .plane import Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
+from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
 from .robot import Robot, compose
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
@@ -193,10 +194,10 @@ class World:
         entity = self._made(name, model, pose)
         if isinstance(entity, Body):
             self._check(entity, entity.pose)
-            self._space.add(entity)
+            self._bring(entity)
         self._entities[name] = entity
         self._of_kind(entity)[name] = entity
-        self._order()
+        self._next_scan = 0.0
         return entity
 
     def _made(self, name: str, model: EntityModel, pose: Pose | None) -> Entity:
@@ -220,11 +221,15 @@ class World:
         }  # fmt: skip
         return kinds[type(entity)]
 
-    def _order(self) -> None:
-        """By their names, so that nothing depends on when they came."""
-        self._next_scan = 0.0
-        held = self._held.values()
-        self._movers = [one for _, one in sorted(self._entities.items()) if isinstance(one, Body) and one not in held]
+    def _bring(self, body: Body) -> None:
+        """It takes up room. Bodies are ordered by their names, so that nothing depends on when they came."""
+        self._space.add(body)
+        insort(self._movers, body, key=lambda one: one.name)
+
+    def _take_away(self, body: Body) -> None:
+        """It takes up no room any more."""
+        self._space.remove(body)
+        self._movers.remove(body)
 
     def remove(self, name: str) -> None:
         """Remove an entity and its faults.
@@ -236,7 +241,7 @@ class World:
         if isinstance(entity, Robot) and name in self._held:
             self._let_go(name)
         if isinstance(entity, Body) and entity in self._movers:
-            self._space.remove(entity)
+            self._take_away(entity)
         for robot in [robot for robot, one in self._held.items() if one is entity]:
             del self._held[robot]
             self._robots[robot].holds = ''
@@ -244,7 +249,7 @@ class World:
         del self._of_kind(entity)[name]
         self._faults = [one for one in self._faults if one.entity != name]
         self._begun = {one for one in self._begun if one.entity != name}
-        self._order()
+        self._next_scan = 0.0
 
     def move(self, name: str, pose: Pose) -> None:
         """Put a robot, an obstacle, a station or a zone somewhere, at rest; what a robot holds is taken from it.
@@ -276,8 +281,10 @@ class World:
             self._check(entity, pose)
 
     def _check(self, body: Body, pose: Pose) -> None:
+        check_pose(pose)
         is_robot = isinstance(body, Robot)
-        others: Iterable[Body] = self._movers if is_robot else self._robots.values()
+        near = self._space.touching(pose.x, pose.y, body.radius)
+        others = near if is_robot else [one for one in near if isinstance(one, Robot)]
         self._space.check(body, pose, others, on_map=is_robot)
 
     def grip(self, robot: str) -> str:
@@ -296,10 +303,9 @@ class World:
                 f'nothing that the gripper of {robot} can take is within its reach of {gripper.reach:g} m'
             )
         thing = min(near, key=lambda one: (one.pose.distance(pose), one.name))
-        self._space.remove(thing)
+        self._take_away(thing)
         self._held[robot] = thing
         self._robots[robot].holds = thing.name
-        self._order()
         return thing.name
 
     def release(self, robot: str) -> str:
@@ -313,7 +319,7 @@ class World:
         if thing is None:
             raise SimulationError(f'{robot} holds nothing')
         pose = compose(self._robots[robot].pose, Pose(gripper.reach, 0.0, 0.0))
-        self._space.check(thing, pose, self._movers, on_map=True)
+        self._space.check(thing, pose, self._space.touching(pose.x, pose.y, thing.radius), on_map=True)
         self._let_go(robot)
         thing.place(pose)
         self._space.changed()
@@ -329,8 +335,7 @@ class World:
         """What a robot holds is in the world again, where the robot is."""
         thing = self._held.pop(robot)
         self._robots[robot].holds = ''
-        self._space.add(thing)
-        self._order()
+        self._bring(thing)
 
     def reset(self) -> None:
         """All robots, obstacles and doors are as they were when they came, and so are the random numbers.
@@ -342,10 +347,12 @@ class World:
         """
         bodies = (*self._movers, *self._held.values())
         starts = [Body(one.name, one.start_shape, one.start) for one in bodies]
+        places = Blocks(starts, 0.0)
         for start in starts:
             if start.name in self._robots:
+                others = places.touching(start.pose.x, start.pose.y, start.radius)
                 try:
-                    self._space.check(start, start.pose, starts, on_map=False)
+                    self._space.check(start, start.pose, others, on_map=False)
                 except SimulationError as error:
                     raise SimulationError(f'nothing was reset: at the start {error}; remove one of the two') from None
         for robot in list(self._held):
@@ -446,7 +453,7 @@ class World:
         if self._faults:
             self._run_faults()
         duration = nanoseconds * 1e-9
-        self._space.time = self.time
+        self._space.begin(self.time)
         for body in self._movers:
             body.tick(self._space, duration)
         for robot, thing in self._held.items():

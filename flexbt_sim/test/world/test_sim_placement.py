@@ -4,6 +4,10 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -11,7 +15,7 @@ from hypothesis import strategies as st
 from sim_maps import drawn, places, room, worlds
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world import Circle, OccupancyMap, Pose, RobotModel, World
+from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, WalkModel, World
 
 
 @settings(deadline=None)
@@ -44,3 +48,94 @@ def test_the_reason_is_said(pose: Pose, said: str) -> None:
     with pytest.raises(SimulationError) as raised:
         World(world).add('alpha', RobotModel(), pose)
     assert said in str(raised.value)
+
+
+near = st.builds(Pose, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.just(0.0))
+step_or_change = st.tuples(
+    st.sampled_from(['robot', 'walker', 'move', 'remove', 'step', 'step']), st.integers(0, 9), near
+)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(step_or_change, min_size=4))
+def test_what_comes_and_goes_while_time_passes_is_refused_where_it_would_overlap(
+    calls: list[tuple[str, int, Pose]],
+) -> None:
+    world = World()
+    radii = {'robot': 0.7, 'walker': 0.3}
+    for number, (call, index, pose) in enumerate(calls):
+        bodies = {**world.robots, **world.obstacles}
+        chosen = sorted(bodies)[index % len(bodies)] if bodies else ''
+        if call == 'step':
+            for robot in world.robots.values():
+                robot.command(0.2, 0.3, world.time)
+            world.step(0.05 * (index + 1))
+        elif call == 'remove' and chosen:
+            world.remove(chosen)
+        elif call in radii or chosen:
+            name = chosen if call == 'move' else f'{call}{number}'
+            kind = name.rstrip('0123456789')
+            gaps = [
+                one.pose.distance(pose) - one.radius - radii[kind]
+                for one in bodies.values()
+                if one.name != name and 'robot' in (kind, one.name.rstrip('0123456789'))
+            ]
+            if any(abs(gap) < 1e-6 for gap in gaps):
+                continue
+            try:
+                if call == 'move':
+                    world.move(name, pose)
+                elif call == 'robot':
+                    world.add(name, RobotModel(footprint=Circle(radii[call]), lidar=None), pose)
+                else:
+                    world.add(name, ObstacleModel(pose, Circle(radii[call]), random_walk=WalkModel(speed=2.0)))
+            except SimulationError:
+                assert min(gaps) < 0.0
+            else:
+                assert min(gaps, default=0.0) >= 0.0
+
+
+def test_who_has_gone_elsewhere_is_met_there() -> None:
+    world = World()
+    alpha = world.add('alpha', RobotModel(footprint=Circle(0.2), lidar=None), Pose(0.0, 0.0, 0.0))
+    world.check_place('alpha', Pose(9.0, 0.0, 0.0))
+    for _ in range(200):
+        alpha.command(0.2, 0.0, world.time)
+        world.step(0.1)
+    with pytest.raises(SimulationError, match="would overlap 'alpha'"):
+        world.add('beta', RobotModel(footprint=Circle(0.2), lidar=None), alpha.pose)
+    world.add('beta', RobotModel(footprint=Circle(0.2), lidar=None), Pose(0.0, 0.0, 0.0))
+
+
+def test_work_is_in_proportion_to_how_many_come_and_go() -> None:
+    def come_and_go(count: int) -> Callable[[], None]:
+        world = World()
+
+        def run() -> None:
+            for number in range(count):
+                at = Pose(3.0 * (number % 20), 3.0 * (number // 20), 0.0)
+                world.add(f'robot{number}', RobotModel(footprint=Circle(0.2), lidar=None), at)
+                world.add(f'box{number}', ObstacleModel(Pose(at.x + 1.5, at.y, 0.0), Circle(0.2)))
+            for number in range(count):
+                world.remove(f'box{number}')
+
+        return run
+
+    assert lines_of(come_and_go(100)) < 1.3 * 2 * lines_of(come_and_go(50))
+
+
+def lines_of(run: Callable[[], None]) -> int:
+    """How many lines of Python are gone through: the same on each computer."""
+    count, tracing = 0, sys.gettrace()
+
+    def trace(frame: FrameType, event: str, argument: Any) -> Any:
+        nonlocal count
+        count += event == 'line'
+        return trace
+
+    sys.settrace(trace)
+    try:
+        run()
+    finally:
+        sys.settrace(tracing)
+    return count

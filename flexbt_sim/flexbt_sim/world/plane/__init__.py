@@ -3,6 +3,7 @@
 
 from . import loops
 from .acceleration import compiled
+from .blocks import Blocks
 from .bodies import Body, Normals, Surroundings, generator
 from .geometry import FARTHEST, Pose, drive, wrap
 from .occupancy_map import (
@@ -30,6 +31,7 @@ __all__ = [
     'MIN_RESOLUTION',
     'OCCUPIED',
     'UNKNOWN',
+    'Blocks',
     'Body',
     'Circle',
     'Normals',

@@ -9,7 +9,6 @@ for as long as it holds: a body that is far from everything costs no look at all
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Iterable
 from typing import Final
 
@@ -20,6 +19,7 @@ from flexbt_sim.errors import SimulationError
 
 from . import loops
 from .acceleration import compiled
+from .blocks import Blocks
 from .bodies import At, Body
 from .geometry import FARTHEST, Pose
 from .occupancy_map import OccupancyMap
@@ -31,14 +31,8 @@ COLLISION_CHECK_DISTANCE: Final = 0.002
 _REACH: Final = 1.0
 """Distance, m, within which others are near."""
 
-_BLOCK: Final = 2.0
-"""Side of the squares, m, by which those who are near are found."""
-
 _ROUNDING: Final = 1e-9
 """Depth, m, that is none."""
-
-_LARGE: Final = 20.0
-"""Radius, m, from which a body is near to all."""
 
 
 class Space:
@@ -49,6 +43,8 @@ class Space:
         self.time = 0.0
         self._bodies: dict[str, Body] = {}
         self._fastest = 0.0
+        self._is_changed = False
+        self._places: Blocks | None = Blocks((), 0.0)
         self._near_since = self._near_until = -math.inf
         if world is not None:
             self._field = world.half_cell_distances
@@ -58,7 +54,11 @@ class Space:
     def add(self, body: Body) -> None:
         """One more body."""
         self._bodies[body.name] = body
+        places = self._places
         self.changed()
+        if places is not None:  # thousands come one after the other
+            places.add(body)
+            self._places = places
 
     def remove(self, body: Body) -> None:
         """One body less."""
@@ -67,10 +67,26 @@ class Space:
 
     def changed(self) -> None:
         """Something was put somewhere: what was found out before does not hold any more."""
-        self._near_since = self._near_until = -math.inf
-        self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
-        for body in self._bodies.values():
-            body.clear_until = -math.inf
+        self._is_changed = True
+        self._near_until = -math.inf
+        self._places = None
+
+    def begin(self, time: float) -> None:
+        """A tick begins, in which the bodies move."""
+        self.time = time
+        self._places = None
+        if self._is_changed:
+            self._is_changed = False
+            self._near_until = -math.inf  # somebody may have asked meanwhile
+            self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
+            for body in self._bodies.values():
+                body.clear_until = -math.inf
+
+    def touching(self, x: float, y: float, radius: float) -> Iterable[Body]:
+        """The bodies that may touch a circle, by their names, and others near it."""
+        if self._places is None:
+            self._places = Blocks(self._bodies.values(), 0.0)
+        return self._places.touching(x, y, radius)
 
     # -- distances ---------------------------------------------------------------------------------------------------
 
@@ -187,17 +203,11 @@ class Space:
         """Find for each body those that are within _REACH of it. It holds until they may have come half as near."""
         self._near_since = self.time
         self._near_until = self.time + _REACH / (4.0 * self._fastest) if self._fastest else math.inf
-        blocks: dict[tuple[int, int], list[Body]] = defaultdict(list)
-        large = [body for body in self._bodies.values() if body.radius > _LARGE]
+        blocks = Blocks(self._bodies.values(), _REACH / 2.0)
         for body in self._bodies.values():
-            body.near = [other for other in large if other is not body]
-            if body.radius <= _LARGE:
-                x, y, reach = body.pose.x, body.pose.y, body.radius + _REACH / 2.0
-                for column in range(math.floor((x - reach) / _BLOCK), math.floor((x + reach) / _BLOCK) + 1):
-                    for row in range(math.floor((y - reach) / _BLOCK), math.floor((y + reach) / _BLOCK) + 1):
-                        blocks[column, row].append(body)
+            body.near = [other for other in blocks.large if other is not body]
         pairs = set[tuple[str, str]]()
-        for bodies in blocks.values():
+        for bodies in blocks.squares.values():
             for i, one in enumerate(bodies):
                 for other in bodies[i + 1 :]:
                     if (one.name, other.name) not in pairs:
@@ -205,7 +215,7 @@ class Space:
                         pairs.add((other.name, one.name))
                         one.near.append(other)
                         other.near.append(one)
-        for body in large:
+        for body in blocks.large:
             body.near = [other for other in self._bodies.values() if other is not body]
 
     # -- places ------------------------------------------------------------------------------------------------------
