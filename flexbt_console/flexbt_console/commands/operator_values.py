@@ -7,6 +7,7 @@ import difflib
 import json
 import math
 import re
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +15,9 @@ from typing import Any, Final
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue, Pose, plain_type
 from flexbt_core import values
+
+MOST_CELLS: Final = 1000
+"""Columns, and rows, of a picture in cells."""
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 
@@ -223,3 +227,19 @@ def _checked_text(text: str, type: str) -> str:
         return value_to_text(text_to_value(text, resolved.name), resolved.name)
     except ValueConversionError as error:
         raise RefusedError(f'{text!r:.80} is no {type}: {error.reason}') from error
+
+
+def map_size(text: str) -> tuple[int, int]:
+    """Columns and rows of a picture in cells, as in 80x24; of nothing, those of the terminal.
+
+    Raises:
+        UsageError: it is not written so, or too small or large to show a map.
+    """
+    if not text:
+        return shutil.get_terminal_size()
+    columns, x, rows = text.partition('x')
+    if x and all(part.isascii() and part.isdigit() and len(part) < 5 for part in (columns, rows)):
+        size = int(columns), int(rows)
+        if 8 <= size[0] <= MOST_CELLS and 4 <= size[1] <= MOST_CELLS:
+            return size
+    raise UsageError(f'{text!r:.80}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_CELLS}x{MOST_CELLS}')

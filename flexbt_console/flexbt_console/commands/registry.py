@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
@@ -21,20 +22,24 @@ from flexbt_console.mirror import (
     CommandKind,
     DecisionKind,
     SynthesisRequest,
+    TreeRun,
     View,
 )
 from flexbt_console.present import (
     behaviors_lines,
     event_line,
     log_lines,
+    map_json,
     places_lines,
     status_json,
     status_lines,
     structure_json,
     structure_lines,
     synthesis_lines,
+    tree_json,
     userdata_lines,
 )
+from flexbt_core.values import one_line
 
 from .command_builder import CommandBuilder
 from .operator_values import (
@@ -43,6 +48,7 @@ from .operator_values import (
     capability_text,
     line_count,
     liveness,
+    map_size,
     port_number,
     retry_count,
     start_input,
@@ -71,6 +77,9 @@ LOG_COUNT: Final = 20
 
 SCAN_PERIOD: Final = 0.5
 """Seconds from one scan on the map to the next when none are given."""
+
+SURROUNDINGS_SECONDS: Final = 2.0
+"""So long what is latched, and a plan that is told each second, is waited for."""
 
 
 # What the words of a line may be
@@ -273,6 +282,50 @@ def _ask_userdata(line: CommandLine, robot: AskedRobot, timeout: float, tell: Ca
     return Shown(scopes, userdata_lines(scopes))
 
 
+def _ask_tree(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
+    from flexbt_console.pictures import chains_of_failures, glyphs, whole_tree_lines  # what only this needs
+
+    def told(view: View) -> list[TreeRun]:
+        return [run for run in view.trees if run.sequence > 0]
+
+    def missing(view: View) -> set[str]:
+        named = {state.tree_run_id for state in view.snapshot.active_states} if view.snapshot else set()
+        return named - {'', *(run.run_id for run in told(view))}
+
+    # Where no state names its tree there may be none at all.
+    view = robot.surroundings(lambda view: bool(told(view)) and not missing(view), min(timeout, SURROUNDINGS_SECONDS))
+    if missing(view):
+        raise NoAnswerError('a tree runs, and its nodes have not arrived; is the BT server in the same namespace?')
+    if not told(view):
+        raise RefusedError('no tree has run yet, or the BT server is gone')
+    runs = view.running_trees or told(view)[:1]
+    shown = [line for run in runs for line in ('', *whole_tree_lines(run, glyphs()))][1:]
+    return Shown([tree_json(run, chains_of_failures(run)) for run in runs], shown)
+
+
+def _ask_map(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
+    from flexbt_console.pictures import map_lines, save_map  # what only this needs
+
+    wants_scan = line.has('--scan')
+
+    def has_arrived(view: View) -> bool:
+        around, snapshot = view.surroundings, view.snapshot
+        drives = snapshot is not None and any(state.progress is not None for state in snapshot.active_states)
+        wanted = (around.map, around.plan or not drives, around.scan or not wants_scan)
+        return view.has_places and all(wanted)
+
+    view = robot.surroundings(has_arrived, min(timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0)
+    around, pose = view.surroundings, view.snapshot.robot_pose if view.snapshot else None
+    if around.map is None and pose is None:
+        raise NoAnswerError('neither a map nor the pose of the robot has arrived')
+    value = map_json(view)
+    if line.has('--png'):
+        file = Path(line.value('--png'))
+        save_map(file, around, pose, view.places)
+        return Shown({**value, 'file': str(file)}, [f'the map is in {one_line(str(file))}'])
+    return Shown(value, map_lines(view, map_size(line.value('--size'))))
+
+
 def _ask_synthesis(line: CommandLine, robot: AskedRobot, timeout: float, tell: Callable[[str], None]) -> Shown:
     if line.has('--cancel'):
         count = robot.cancel_synthesis(timeout)
@@ -347,9 +400,10 @@ COMMANDS: Final = (
         'print every change until it is interrupted, or for --timeout seconds',
         Mode.WATCH,
         details=(
-            'It goes on when the link is lost, and says so. With --json each line is an object with "event": status, '
+            'It goes on when the link is lost, and says so. With --jsonl each line is an object with "event": status, '
             'structure, behaviors, log or link.',
         ),
+        options=(Option('--jsonl', 'print JSON for programs, one object a line, as --json'),),
         link=LinkNeed.NONE,
     ),
     CommandSpec(
@@ -363,6 +417,26 @@ COMMANDS: Final = (
         'show the state machine that runs: states, outcomes, targets, required autonomy',
         Show(_show_structure),
         has_arrived=_structure_known,
+    ),
+    CommandSpec(
+        'tree',
+        'show the trees that run, or the latest: each node with its status, and what has failed by what',
+        Ask(_ask_tree),
+        details=(
+            'A node that was halted shows how it had ended before. Behind the nodes stands each that has failed by '
+            'itself, with those above it that have failed by it.',
+        ),
+    ),
+    CommandSpec(
+        'map',
+        'show the map: walls, places, the plan, and where the robot is',
+        Ask(_ask_map),
+        options=(
+            Option('--png', 'write an image into this file instead', 'FILE', in_prompt=False),
+            Option('--size', 'cells of the terminal (default: all of it, or 80x24)', 'COLUMNSxROWS', read=map_size),
+            Option('--scan', 'with what the lidar meets now', in_prompt=False),
+        ),
+        details=('As JSON: where the map lies, the robot, the plan, the places and the scan, in metres.',),
     ),
     CommandSpec(
         'userdata',

@@ -162,6 +162,12 @@ class AskedRobot(Protocol):
         """Cancel what is being made; how many these were."""
         ...
 
+    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
+        """The picture with trees, map and plan, and with the scan if it is to come every so many seconds; as soon as
+        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds.
+        """
+        ...
+
 
 class NobodyAsked:
     """Stands for a robot where there is none to ask; ``why`` is told."""
@@ -183,6 +189,10 @@ class NobodyAsked:
         raise RefusedError(self.why)
 
     def cancel_synthesis(self, timeout: float) -> int:
+        """Refuse it."""
+        raise RefusedError(self.why)
+
+    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
         """Refuse it."""
         raise RefusedError(self.why)
 

@@ -85,6 +85,7 @@ class OperatorLink:
         self._namespace = namespace
         self._operator = operator
         self._synthesis: SynthesisQuery | None = None
+        self._is_surrounded = False
         self._status_topic = self._topic(names.EXECUTIVE_STATUS)
         self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
@@ -183,6 +184,20 @@ class OperatorLink:
         observer.
         """
         return self._synthesis_query().cancel(timeout)
+
+    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
+        """The picture with trees, map and plan, and with the scan if it is to come every so many seconds; as soon as
+        what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
+
+        Where they have not come already, because somebody looks at them, they do from now on.
+        """
+        from .surroundings_link import SurroundingsLink  # what only this needs
+
+        with self._changed:
+            if not self._is_surrounded and not has_arrived(self._mirror.view()):
+                self._is_surrounded = True
+                SurroundingsLink(self._runtime, self._mirror, self._namespace, scan_period)
+        return self.wait_for(lambda view: view if has_arrived(view) else None, timeout) or self._mirror.view()
 
     def _synthesis_query(self) -> SynthesisQuery:
         from .synthesis_query import SynthesisQuery  # what only this command needs

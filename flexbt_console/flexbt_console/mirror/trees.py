@@ -94,6 +94,11 @@ class TreeRun:
         """How a node ended the last time in this run; IDLE when it has not."""
         return self.last[uid - 1] if 0 < uid <= len(self.last) else NodeStatus.IDLE
 
+    def shown_status(self, uid: int) -> NodeStatus:
+        """The status of a node; of one that is idle, how it ended before."""
+        status = self.status(uid)
+        return status if status is not NodeStatus.IDLE else self.last_end(uid)
+
     def seconds(self, uid: int) -> float:
         """How long a node has had its status."""
         return max(0.0, self.stamp - self.since[uid - 1]) if 0 < uid <= len(self.since) else 0.0

@@ -2,7 +2,16 @@
 """What the console knows, as text for people and as JSON for programs, and what has changed in it."""
 
 from .events import SETTLE_SECONDS, Event, Follower
-from .json_form import encode_json, failure_json, result_json, robots_json, status_json, structure_json
+from .json_form import (
+    encode_json,
+    failure_json,
+    map_json,
+    result_json,
+    robots_json,
+    status_json,
+    structure_json,
+    tree_json,
+)
 from .rendering import (
     age_text,
     alarm_line,
@@ -58,6 +67,7 @@ __all__ = [
     'link_line',
     'link_word',
     'log_lines',
+    'map_json',
     'missed_peers',
     'not_paused_lines',
     'peer_line',
@@ -76,6 +86,7 @@ __all__ = [
     'structure_lines',
     'synthesis_lines',
     'tone_of',
+    'tree_json',
     'userdata_lines',
     'what_runs',
 ]

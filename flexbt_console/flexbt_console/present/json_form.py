@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any
 
 from flexbt_console.errors import ExitCode
-from flexbt_console.mirror import CommandState, RobotOverview, Structure, TrackedCommand, View
+from flexbt_console.mirror import CommandState, RobotOverview, Structure, TrackedCommand, TreeNode, TreeRun, View
 
 
 def encode_json(value: Any) -> str:
@@ -53,6 +53,42 @@ def structure_json(known: Structure) -> dict[str, Any]:
             }
             for state in known.states
         ],
+    }
+
+
+def tree_json(run: TreeRun, failures: Sequence[Sequence[TreeNode]]) -> dict[str, Any]:
+    """A run of a tree: of each node its status, how it had ended before (``last``), and for how long, s. ``failures``
+    are the identifiers of nodes that have failed, each with those that have failed by it."""
+    return {
+        'run_id': run.run_id,
+        'tree': run.tree,
+        'running': run.is_running,
+        'paused': run.paused,
+        'nodes': [
+            {
+                **{name: getattr(node, name) for name in ('uid', 'parent', 'path', 'name', 'registration', 'kind')},
+                'status': run.status(node.uid),
+                'last': run.last_end(node.uid),
+                'seconds': run.seconds(node.uid),
+            }
+            for node in run.nodes
+        ],
+        'acting': run.running_leaves,
+        'failures': [[node.uid for node in chain] for chain in failures],
+    }
+
+
+def map_json(view: View) -> dict[str, Any]:
+    """What is around the robot, m. The cells of the map are no part of it."""
+    around = view.surroundings
+    names = ('width', 'height', 'resolution', 'x', 'y')
+    return {
+        'map': {name: getattr(around.map, name) for name in names} if around.map is not None else None,
+        'robot': view.snapshot.robot_pose if view.snapshot else None,
+        'goal': around.goal,
+        'plan': around.plan,
+        'scan': around.scan,
+        'places': view.places,
     }
 
 

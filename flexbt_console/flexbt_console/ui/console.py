@@ -145,9 +145,12 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         ) from None
     with _open_runtime(line) as runtime:
-        if _is_served():
-            _end_with_stdin()
-        run(line, runtime)
+        is_over = _end_with_stdin()
+        try:
+            run(line, runtime)
+        except Exception:  # whatever cannot be done to a terminal that is gone
+            if not is_over.is_set():
+                raise
         return ExitCode.OK
 
 
@@ -217,16 +220,22 @@ def _is_served() -> bool:
     return os.environ.get('TEXTUAL_DRIVER', '').endswith('WebDriver')
 
 
-def _end_with_stdin() -> None:
-    """Leave when the server of the browser is gone; Textual would go on, and keep its operator present."""
-    stdin = select.poll()
+def _end_with_stdin() -> threading.Event:
+    """Leave when the terminal, or the server of the browser, is gone, which is told by what is given.
+
+    Textual would go on, and keep its operator present. A signal does not tell all: whoever has started this may be the
+    one who gets it, and wait for our end.
+    """
+    stdin, is_over = select.poll(), threading.Event()
     stdin.register(0, 0)  # the end is told all the same
 
     def wait() -> None:
         stdin.poll()
+        is_over.set()
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, name='end_with_stdin', daemon=True).start()
+    return is_over
 
 
 def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime], None]:
@@ -338,7 +347,7 @@ def operator_name(line: CommandLine) -> str:
 
 def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:
     name = line.spec.name if line is not None and line.spec is not None else ''
-    if '--json' in words:
+    if {'--json', '--jsonl'} & set(words):
         print(encode_json(failure_json(name, exit_code, reason)))
     else:
         word = 'refused: ' if exit_code is ExitCode.REFUSED else ''

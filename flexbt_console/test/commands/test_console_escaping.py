@@ -27,8 +27,8 @@ from flexbt_console.mirror import (
     Structure,
     View,
 )
+from flexbt_console.pictures import cut, cut_middle, fold
 from flexbt_console.present import behaviors_lines, encode_json, log_lines, status_json, status_lines, structure_lines
-from flexbt_console.ui.interaction import cut, cut_middle, fold
 from flexbt_console.ui.prompt import toolbar
 from flexbt_core.values import lines, one_line
 

@@ -23,7 +23,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_console.link import SurroundingsFeed, SurroundingsLink
 from flexbt_console.link.scan_link import SCAN_SECONDS
 from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose
-from flexbt_console.ui.screen.glyphs import ASCII
+from flexbt_console.pictures import ASCII
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_core.clock import ManualClock
 from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStructure

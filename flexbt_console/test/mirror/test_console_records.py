@@ -27,8 +27,8 @@ from flexbt_console.link import (
     snapshot_record,
     structure_record,
 )
+from flexbt_console.pictures import UNICODE
 from flexbt_console.present import encode_json
-from flexbt_console.ui.screen.glyphs import UNICODE
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_console.ui.web.picture import parts_of
 from flexbt_core.clock import ManualClock

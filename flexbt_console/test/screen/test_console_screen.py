@@ -12,7 +12,10 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 from rich.cells import set_cell_size, split_graphemes
+from textual import events
+from textual.keys import _character_to_key
 from textual.pilot import Pilot
+from textual.widgets import Input
 
 from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.errors import ConsoleError
@@ -41,11 +44,10 @@ from flexbt_console.mirror import (
     Structure,
     TreeNode,
 )
+from flexbt_console.pictures import ASCII, acting_lines
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
-from flexbt_console.ui.screen.glyphs import ASCII
 from flexbt_console.ui.screen.panes import Pane
-from flexbt_console.ui.screen.tree_lines import acting_lines
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -375,6 +377,21 @@ def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
         assert len(robot.link.sent) == 1 and "no command 'fly'" in text_of(app)
 
     on_screen(robot, steps)
+
+
+def test_keys_typed_at_once_behind_the_colon_are_for_the_line() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for character in ':claim!':
+            app.post_message(events.Key(_character_to_key(character), character))
+        await pilot.pause()
+        assert app.query_one('#line', Input).value == 'claim!' and robot.link.sent == []
+        await pilot.press('escape', *'n', 'x', 'f8')
+        assert app.query_one('#line', Input).value == 'note x' and robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, type_quickly)
 
 
 def test_what_comes_from_the_network_is_escaped() -> None:

@@ -27,7 +27,7 @@ COLOUR = re.compile(rb'\x1b\[[0-9;]*(3[0-7]|9[0-7]|38;[0-9;]*)m')
 class Terminal:
     """A console in a pseudo terminal that answers the question for the place of its cursor."""
 
-    def __init__(self, *words: str, **environment: str) -> None:
+    def __init__(self, *words: str, mode: str = 'prompt', **environment: str) -> None:
         self.output = b''
         self.makes_signals = False
         """Whether a key could have been a signal since the greeting."""
@@ -35,7 +35,7 @@ class Terminal:
         self.pid, self._fd = pty.fork()
         if self.pid == 0:
             os.environ.update({'TERM': 'xterm-256color', **environment})
-            os.execv(sys.executable, [sys.executable, '-m', 'flexbt_console', 'prompt', *words])
+            os.execv(sys.executable, [sys.executable, '-m', 'flexbt_console', mode, *words])
         fcntl.ioctl(self._fd, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 80, 0, 0))
 
     def read_until(self, text: bytes) -> None:
@@ -125,6 +125,17 @@ def test_it_ends_when_its_terminal_goes_away(ignores_hangup: bool) -> None:
             os.kill(terminal.pid, signal.SIGCONT)
         else:
             terminal.hang_up()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert terminal.exit_code() == 0
+
+
+def test_the_screen_ends_when_its_terminal_goes_away() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        terminal = Terminal('--namespace', 'hangup', mode='screen')
+        terminal.read_until(b'NO EXECUTIVE')
+        terminal.hang_up()
     finally:
         signal.signal(signal.SIGHUP, before)
     assert terminal.exit_code() == 0

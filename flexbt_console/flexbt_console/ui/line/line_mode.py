@@ -99,7 +99,8 @@ def run(session: Session) -> ExitCode:
         shown = spec.action.ask(session.line, session.link, session.timeout, _tell_progress)
         _print(session, shown)
         return ExitCode.REFUSED if shown.is_refusal else ExitCode.OK
-    return watch(session.mirror, session.link, as_json=session.json, seconds=session.line.seconds('--timeout'))
+    as_json = session.json or session.line.has('--jsonl')
+    return watch(session.mirror, session.link, as_json=as_json, seconds=session.line.seconds('--timeout'))
 
 
 def _show(session: Session, spec: CommandSpec, action: Show) -> ExitCode:

@@ -28,6 +28,7 @@ from prompt_toolkit.styles import Style
 from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import Command, CommandState, Mirror, View
+from flexbt_console.pictures import fold
 from flexbt_console.present import (
     SETTLE_SECONDS,
     Follower,
@@ -38,16 +39,7 @@ from flexbt_console.present import (
     has_colours,
     tone_of,
 )
-from flexbt_console.ui.interaction import (
-    Attention,
-    Bound,
-    Local,
-    Meaning,
-    NoLiveLinkError,
-    ShownDecision,
-    fold,
-    interpret,
-)
+from flexbt_console.ui.interaction import Attention, Bound, Local, Meaning, NoLiveLinkError, ShownDecision, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 

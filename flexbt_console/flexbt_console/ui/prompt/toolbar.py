@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_console.mirror import ActiveState, CommandState, DecisionKind, View
+from flexbt_console.pictures import cut, cut_middle, fold
 from flexbt_console.present import (
     Line,
     Tone,
@@ -24,7 +25,6 @@ from flexbt_console.present import (
     tone_of,
     what_runs,
 )
-from flexbt_console.ui.interaction import cut, cut_middle, fold
 from flexbt_core.values import one_line
 
 MOST_STATES: Final = 3

@@ -24,6 +24,7 @@ from textual.widgets import Input
 from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, RobotOverview, View
+from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import (
     Line,
     Tone,
@@ -35,7 +36,6 @@ from flexbt_core.values import lines, one_line
 
 from .decision_bar import ROWS, Picking, decision_lines
 from .dialogs import ChoiceList, Reading, StartForm
-from .glyphs import glyphs
 from .keys import KEYS, Key, help_lines, line_for
 from .machine_lines import machine_lines, outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
@@ -44,7 +44,6 @@ from .panes import Pane, styled
 from .replay_bar import MOVES, NoLink, Player, ReplayBar
 from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
-from .tree_lines import tree_lines
 
 P = ParamSpec('P')
 
@@ -107,6 +106,10 @@ def _guarded(method: Callable[P, None]) -> Callable[P, None]:
     return call
 
 
+NOT_PRESSED: Final = {'f8', *map(str, range(1, 10))}
+"""Keys of the table that have an action of their own."""
+
+
 class OperatorScreen(App[None]):
     """One operator at one terminal. ``timeout``: seconds for each answer; ``leaving``: what happens when it is left."""
 
@@ -136,13 +139,26 @@ class OperatorScreen(App[None]):
     .ascii #decision, .ascii #log {{ border-top: ascii $primary-darken-2; }}
     .ascii .dialog, .ascii OptionList, .ascii .dialog Input, .ascii SelectCurrent {{ border: ascii $primary; }}
     """
+    # With priority they are dealt with in the order in which they come, by what is open by then: a key that is typed
+    # quickly behind the one that opens a line or a list is for that, and is no command.
     BINDINGS: ClassVar[list[BindingType]] = [
-        *(Binding(','.join(key.keys), f'press("{key.action}")', show=False) for key in KEYS if key.action != 'pick'),
-        *(Binding(str(number), f'pick({number})', show=False) for number in range(1, 10)),
-        *(Binding(key, f'replay("{move}")', show=False) for key, move in MOVES.items()),
-        Binding('f8', 'press("stop")', show=False, priority=True),
-        Binding('escape', 'leave_mode', show=False),
-        *(Binding(key, f'cursor("{key}")', show=False) for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
+        *(
+            Binding(key, action, show=False, priority=True)
+            for key, action in (
+                *(
+                    (name, f'press("{key.action}")')
+                    for key in KEYS
+                    if key.action != 'pick'
+                    for name in key.keys
+                    if name != 'f8'
+                ),
+                *((str(number), f'pick({number})') for number in range(1, 10)),
+                *((key, f'replay("{move}")') for key, move in MOVES.items()),
+                *((key, f'cursor("{key}")') for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
+                ('escape', 'leave_mode'),
+                ('f8', 'stop_now'),
+            )
+        ),
     ]
 
     def __init__(
@@ -197,6 +213,7 @@ class OperatorScreen(App[None]):
             id='line',
             suggester=_Completing(lambda: self._mirror.view()),
             placeholder='a command; Tab completes, Esc leaves',
+            select_on_focus=False,
             disabled=True,
         )
         yield Pane(id='keys')
@@ -312,6 +329,18 @@ class OperatorScreen(App[None]):
 
     # What is done
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Whether a key does that now; what is typed into a line or an open list is for these."""
+        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode'):
+            return super().check_action(action, parameters)
+        if len(self.screen_stack) > 1:
+            return isinstance(self.screen, Overview) and parameters == ('stop',)
+        return action == 'leave_mode' or not self.query_one('#line', Input).has_class('typing')
+
+    def action_stop_now(self) -> None:
+        """Stop, whatever is open."""
+        self.action_press('stop')
+
     @_guarded
     def action_press(self, action: str) -> None:
         """A key of the table was pressed."""
@@ -322,8 +351,6 @@ class OperatorScreen(App[None]):
             self.pop_screen()
             self.switch(name)
             view = self._mirror.view()
-        elif len(self.screen_stack) > 1 and action != 'stop':
-            return
         if action == 'confirm' and self._map.is_pointing:
             self._answer_by_cursor(view)
             return
@@ -575,7 +602,7 @@ class OperatorScreen(App[None]):
         line.value = text
         line.cursor_position = len(text)
         line.add_class('typing')
-        line.focus()
+        self.screen.set_focus(line)  # at once: the next key is typed into it
 
     def _close_line(self) -> None:
         line = self.screen_stack[0].query_one('#line', Input)

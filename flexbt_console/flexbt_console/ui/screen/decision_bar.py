@@ -9,13 +9,11 @@ from typing import Final
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, DecisionKind, StateStructure, View
+from flexbt_console.pictures import Glyphs, acting_lines, cut, fold
 from flexbt_console.present import Line, Tone, age_text, decision_line, reason_lines, tone_of
-from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose, cut, fold
+from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
-
-from .glyphs import Glyphs
-from .tree_lines import acting_lines
 
 ROWS: Final = 4
 """Rows of the bar: it stays at its place, also while nothing waits."""

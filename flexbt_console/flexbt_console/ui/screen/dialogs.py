@@ -17,8 +17,8 @@ from textual.widgets import Input, Label, OptionList, Select
 from textual.widgets.option_list import Option
 
 from flexbt_console.mirror import Behavior
+from flexbt_console.pictures import fold
 from flexbt_console.present import Line, tone_of
-from flexbt_console.ui.interaction import fold
 from flexbt_core.values import one_line
 
 from .panes import Pane, styled

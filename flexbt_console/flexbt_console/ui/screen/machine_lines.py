@@ -4,12 +4,9 @@
 from __future__ import annotations
 
 from flexbt_console.mirror import ActiveState, AutonomyLevel, Snapshot, StateKind, StateStructure, View
+from flexbt_console.pictures import Glyphs, cut, window
 from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
-from flexbt_console.ui.interaction import cut
 from flexbt_core.values import one_line
-
-from .glyphs import Glyphs
-from .tree_lines import window
 
 
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:

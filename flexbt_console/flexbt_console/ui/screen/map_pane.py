@@ -9,10 +9,8 @@ from typing import Final
 from rich.text import Text
 
 from flexbt_console.mirror import Decision, View
-from flexbt_console.ui.interaction import cut
+from flexbt_console.pictures import Frame, Glyphs, MapCanvas, cut, where_text
 
-from .glyphs import Glyphs
-from .map_canvas import Frame, MapCanvas
 from .panes import drawn
 
 CURSOR_STEPS: Final = {'left': (-1, 0), 'right': (1, 0), 'up': (0, -1), 'down': (0, 1)}
@@ -90,8 +88,7 @@ class MapPane:
         if self._cursor is not None:
             where = f'cursor x {self._cursor[0]:.2f} y {self._cursor[1]:.2f} yaw {self._yaw:.2f}'
         else:
-            where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else 'pose unknown'
-            where += f'  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else ''
+            where = where_text(view)
         text.append('\n' + cut(where, columns), 'bold' if self._cursor is not None else '')
         if not view.live:
             text.stylize('dim')

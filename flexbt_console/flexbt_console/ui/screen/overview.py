@@ -11,11 +11,10 @@ from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 
 from flexbt_console.mirror import RobotOverview, Urgency
+from flexbt_console.pictures import cut, window
 from flexbt_console.present import Line, Tone, robot_line, tone_of
-from flexbt_console.ui.interaction import cut
 
 from .panes import Pane, styled
-from .tree_lines import window
 
 KEYS_OF_OVERVIEW: Final = 'up, down choose  Enter goes there  ! F8 stops this robot  Esc leaves'
 NEEDING: Final = (Urgency.ALARM, Urgency.DECISION, Urgency.FAILED, Urgency.SILENT)

@@ -15,9 +15,8 @@ from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
+from flexbt_console.pictures import Cell, Layer
 from flexbt_console.present import Tone, tone_of
-
-from .map_canvas import Cell, Layer
 
 TONES: Final = {
     Tone.PLAIN: '',

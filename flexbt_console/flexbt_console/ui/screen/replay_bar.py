@@ -10,8 +10,8 @@ from rich.text import Text
 from flexbt_console.commands import NobodyAsked
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Command, Mirror
+from flexbt_console.pictures import cut
 from flexbt_console.present import Line, Tone
-from flexbt_console.ui.interaction import cut
 from flexbt_core.clock import Clock
 
 from .panes import styled

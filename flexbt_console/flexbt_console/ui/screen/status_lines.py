@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from rich.text import Text
 
 from flexbt_console.mirror import ExecutiveEvent, LogLine, View
+from flexbt_console.pictures import cut, fold
 from flexbt_console.present import (
     Line,
     Tone,
@@ -23,7 +24,6 @@ from flexbt_console.present import (
     tone_of,
     what_runs,
 )
-from flexbt_console.ui.interaction import cut, fold
 from flexbt_core.values import one_line
 
 from .keys import KEYS

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from flexbt_console.commands import Ask, AskedRobot, CommandLine, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope, View
 from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
 
 from .station import Station
@@ -155,6 +155,9 @@ class _AskedByPage:
 
     def cancel_synthesis(self, timeout: float) -> int:
         return self.robot.cancel_synthesis(timeout)
+
+    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
+        return self.robot.surroundings(has_arrived, timeout, scan_period)
 
 
 def _obstacle(where: object, station: Station) -> Answer:

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from rich.cells import cell_len
 
+from .glyphs import glyphs
+
 
 def cut(text: str, cells: int) -> str:
     """``text`` cut at its end to so many cells."""
-    return text if _fits(text, cells) else _begin(text, cells - 1) + '…' * (cells > 0)
+    return text if _fits(text, cells) else _begin(text, cells - 1) + glyphs().ellipsis * (cells > 0)
 
 
 def cut_middle(text: str, cells: int) -> str:
@@ -20,7 +22,7 @@ def cut_middle(text: str, cells: int) -> str:
     end = _begin(text[::-1], room)[::-1]
     while end and width(end) > room:  # backwards nothing is widened
         end = end[1:]
-    return begin + '…' * (cells > 0) + end
+    return begin + glyphs().ellipsis * (cells > 0) + end
 
 
 def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:

@@ -8,9 +8,9 @@ from typing import Final
 
 from flexbt_console.mirror import NodeKind, NodeStatus, TreeNode, TreeRun
 from flexbt_console.present import Line, Tone, tone_of
-from flexbt_console.ui.interaction import cut
 from flexbt_core.values import one_line
 
+from .cells import cut
 from .glyphs import Glyphs
 
 _TONES: Final = {
@@ -33,8 +33,6 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     """
     if rows <= 0:
         return []
-    state = 'paused' if run.paused else 'finished' if run.finished else 'running'
-    title: str = Line(cut(f'tree {one_line(run.tree)}  {state}', columns), Tone.WARNING if run.paused else Tone.PLAIN)
     nodes = _in_order(run, lambda node: True)
     if len(nodes) > rows - 1:  # what is below a node that does not run is not of now
         nodes = _in_order(run, lambda node: run.status(node.uid) is NodeStatus.RUNNING)
@@ -44,7 +42,34 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     acting = set(run.running_leaves)
     marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
     shown = window(lines, marked[-1] if marked else 0, rows - 1)
-    return [title, *(_cut_line(line, columns) for line in shown)]
+    title = _title(run)
+    return [Line(cut(title, columns), tone_of(title)), *(_cut_line(line, columns) for line in shown)]
+
+
+def whole_tree_lines(run: TreeRun, signs: Glyphs) -> list[str]:
+    """The whole tree, however much that is, and behind it what has failed, each with what failed by it."""
+    shown = [_title(run), *(_node_line(run, node, depth, signs) for node, depth in _in_order(run, lambda node: True))]
+    for leaf, *above in chains_of_failures(run):
+        by_it = f', and so {", ".join(one_line(node.name) for node in above)}' if above else ''
+        shown.append(Line(f'failed: {one_line(leaf.name)}{by_it}', Tone.ERROR))
+    return shown
+
+
+def chains_of_failures(run: TreeRun) -> list[list[TreeNode]]:
+    """Each node that has failed by itself, not by its children, and those above it that have failed, the nearest first.
+
+    One that was halted since counts by how it had ended.
+    """
+    nodes = {node.uid: node for node in run.nodes}
+    failed = {uid for uid in nodes if run.shown_status(uid) is NodeStatus.FAILURE}
+    reasons = sorted(failed - {nodes[uid].parent for uid in failed})
+    chains = []
+    for uid in reasons:
+        chain = [nodes[uid]]
+        while chain[-1].parent in failed and chain[-1].parent < chain[-1].uid:  # there is no ring
+            chain.append(nodes[chain[-1].parent])
+        chains.append(chain)
+    return chains
 
 
 def acting_lines(run: TreeRun) -> list[str]:
@@ -77,6 +102,11 @@ def window(lines: list[str], marked: int, rows: int) -> list[str]:
     return shown
 
 
+def _title(run: TreeRun) -> str:
+    state = 'paused' if run.paused else 'finished' if run.finished else 'running'
+    return Line(f'tree {one_line(run.tree)}  {state}', Tone.WARNING if run.paused else Tone.PLAIN)
+
+
 def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[TreeNode, int]]:
     """The nodes with their depth, each before its children, those below nodes that are not open left out."""
     children: dict[int, list[TreeNode]] = {}
@@ -94,7 +124,7 @@ def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[T
 
 def _node_line(run: TreeRun, node: TreeNode, depth: int, signs: Glyphs) -> str:
     status = run.status(node.uid)
-    shown = status if status is not NodeStatus.IDLE else run.last_end(node.uid)
+    shown = run.shown_status(node.uid)
     seconds = run.seconds(node.uid)
     time = f'  {seconds:.0f} s' if status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS else ''
     name = one_line(node.name) + ('?' if node.kind is NodeKind.CONDITION else '')

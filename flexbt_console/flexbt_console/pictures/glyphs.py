@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The signs of the screen, in Unicode and in ASCII. Each has a shape of its own: colours never carry meaning alone."""
+"""The signs of a terminal, in Unicode and in ASCII. Each has a shape of its own: colours never carry meaning alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from flexbt_console.mirror import NodeStatus
 @dataclass(frozen=True)
 class Glyphs:
     """``status`` of a node of a tree, ``active`` and ``waits`` of a state; ``robot`` by heading, eight from east on,
-    against the clock. Without ``has_braille``, maps are drawn by one character a cell."""
+    against the clock; ``ellipsis``, of one cell, stands for what is cut. Without ``has_braille``, maps are drawn by one
+    character a cell."""
 
     status: Mapping[NodeStatus, str]
     active: str
@@ -28,6 +29,7 @@ class Glyphs:
     goal: str
     place: str
     cursor: str
+    ellipsis: str
     has_braille: bool
 
 
@@ -49,6 +51,7 @@ UNICODE: Final = Glyphs(
     goal='◎',
     place='◦',
     cursor='┼',
+    ellipsis='…',
     has_braille=True,
 )
 
@@ -70,6 +73,7 @@ ASCII: Final = Glyphs(
     goal='X',
     place='o',
     cursor='+',
+    ellipsis='~',
     has_braille=False,
 )
 

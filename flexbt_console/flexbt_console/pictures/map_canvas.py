@@ -13,10 +13,11 @@ from enum import Enum
 from itertools import pairwise
 from typing import Final
 
-from flexbt_console.mirror import GridMap, Pose, Surroundings
+from flexbt_console.mirror import GridMap, Pose, Surroundings, View
 from flexbt_core.values import one_line
 
-from .glyphs import Glyphs
+from .cells import cut
+from .glyphs import Glyphs, glyphs
 
 _DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character by row and column of the dot (Unicode, Braille Patterns)."""
@@ -166,6 +167,23 @@ class MapCanvas:
         if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
             self._walls = map, frame, frozenset(_wall_dots(map, frame))
         return self._walls[2]
+
+
+def map_lines(view: View, size: tuple[int, int]) -> list[str]:
+    """The map of so many columns and rows, in lines; the last ones tell where the robot is, and what the signs mean."""
+    signs, robot = glyphs(), view.snapshot.robot_pose if view.snapshot else None
+    columns, rows = size[0], max(1, size[1] - 2)
+    _, cells = MapCanvas(signs).draw(view.surroundings, robot, view.places, None, columns, rows)
+    legend = f'{signs.robot[0]} robot  {signs.goal} goal  {signs.place} place  {_MET} met by the lidar'
+    drawn = [''.join(sign for sign, _ in row).rstrip() for row in cells]
+    return [*drawn, *(cut(line, columns) for line in (where_text(view), legend))]
+
+
+def where_text(view: View) -> str:
+    """Where the robot is, and how long its plan is."""
+    robot = view.snapshot.robot_pose if view.snapshot else None
+    where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else 'pose unknown'
+    return f'{where}  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else where
 
 
 def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
