@@ -14,8 +14,8 @@ from typing import Any, Final
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.values import check_limits, shown
-from flexbt_core.values import load_yaml
+from flexbt_common.values import check_limits
+from flexbt_core.values import load_yaml, shown
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import FaultModel, ServerFails, ServerFault, fault_parameters
 

@@ -11,7 +11,6 @@ itself: colcon's ``--symlink-install`` links single files to their sources.)
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -24,6 +23,7 @@ from ament_index_python.packages import (
 )
 
 from flexbt_common.errors import ResourceError
+from flexbt_core.values import excerpt, hint
 
 MAX_NAME: Final = 4096
 """Longest name of a file, characters: PATH_MAX of Linux."""
@@ -43,9 +43,9 @@ def resolve_file(name: str, allowed: Sequence[Path] = (), parameter: str = 'allo
         ResourceError: unknown package, no such file, or a place that is not allowed.
     """
     if len(name) > MAX_NAME:
-        raise ResourceError(f'{name[:80]}...', f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
+        raise ResourceError(excerpt(name), f'a name of {len(name)} characters; at most {MAX_NAME} are allowed')
     if name.count('/') > MAX_PARTS:
-        raise ResourceError(f'{name[:80]}...', f'a name of more than {MAX_PARTS} directories')
+        raise ResourceError(excerpt(name), f'a name of more than {MAX_PARTS} directories')
     try:
         return _found(name, allowed, parameter)
     except OSError as error:  # a part of it is longer than the file system takes, for one
@@ -66,10 +66,10 @@ def _found(name: str, allowed: Sequence[Path], parameter: str) -> Path:
         raise ResourceError(name, "a path inside a package must not contain '..'")
     share = _share_of(package)
     if share is None:
-        near = difflib.get_close_matches(package, get_packages_with_prefixes(), n=1)
-        hint = f'; did you mean {near[0]!r}?' if near else ''
         raise ResourceError(
-            name, f'no installed package {package!r}; install it, or source the workspace that has it{hint}'
+            name,
+            f'no installed package {package!r}; install it, or source the workspace that has it'
+            + hint(package, get_packages_with_prefixes(), ''),
         )
     _refuse_links(name, share, relative)
     return _existing(name, share / relative)
@@ -117,10 +117,8 @@ def _refuse_links(name: str, share: Path, relative: PurePosixPath) -> None:
 def _existing(name: str, path: Path) -> Path:
     if path.is_file():
         return path
-    near = difflib.get_close_matches(path.name, _names_in(path.parent), n=1)
-    hint = f'; did you mean {near[0]!r}?' if near else ''
     what = 'is not a file' if path.exists() else 'no such file'
-    raise ResourceError(name, f'{what} ({path}){hint}')
+    raise ResourceError(name, f'{what} ({path}){hint(path.name, _names_in(path.parent), "")}')
 
 
 def _names_in(directory: Path) -> list[str]:

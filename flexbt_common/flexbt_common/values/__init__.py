@@ -15,7 +15,7 @@ from .entries import (
 )
 from .limits import MESSAGE, check_limits, length_of
 from .value_text import from_plain
-from .value_types import PRIMITIVES, shown, type_name
+from .value_types import PRIMITIVES, type_name
 
 __all__ = [
     'MESSAGE',
@@ -30,7 +30,6 @@ __all__ = [
     'length_of',
     'message_type_name',
     'resolve_type',
-    'shown',
     'text_to_value',
     'to_entry',
     'type_name',

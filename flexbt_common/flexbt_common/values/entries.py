@@ -18,10 +18,11 @@ from typing import Any
 from rclpy.serialization import deserialize_message, serialize_message
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
+from flexbt_core.values import shown
 from flexbt_msgs.msg import BlackboardEntry
 
 from .value_text import FieldError, from_plain, parse_text, plain_text, to_plain
-from .value_types import ValueType, message_type_name, resolve_type, shown, type_name
+from .value_types import ValueType, message_type_name, resolve_type, type_name
 
 __all__ = [
     'Encoding',

@@ -15,8 +15,9 @@ from typing import Any, Final
 from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, NamespacedType
 
 from flexbt_common.errors import LimitExceededError
+from flexbt_core.values import shown
 
-from .value_types import class_of_slot, shown
+from .value_types import class_of_slot
 
 TEXT: Final = 1_000
 """Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""

@@ -8,7 +8,6 @@ declared type: rclpy's messages do not check, and the serializer aborts the proc
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import struct
@@ -29,9 +28,9 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from flexbt_core.values import YamlError, load_json, load_yaml
+from flexbt_core.values import YamlError, hint, load_json, load_yaml, shown
 
-from .value_types import ValueType, class_of_slot, resolve_type, shown
+from .value_types import ValueType, class_of_slot, resolve_type
 
 _INTEGER_BITS = {'int8': 8, 'int16': 16, 'int32': 32, 'int64': 64}
 _INTEGER_BITS |= {f'u{name}': bits for name, bits in _INTEGER_BITS.items()}
@@ -184,9 +183,8 @@ def _message_from_plain(plain: Any, message: type[Any], path: str) -> Any:
         raise FieldError(path, f'expected the fields of a {message.__name__} ({", ".join(fields)}), got {shown(plain)}')
     for name in plain:
         if name not in fields:
-            near = difflib.get_close_matches(str(name), fields, n=1)
-            hint = f'did you mean {near[0]!r}?' if near else f'its fields are {", ".join(fields) or "none"}'
-            raise FieldError(_join(path, str(name)), f'{message.__name__} has no such field; {hint}')
+            remedy = hint(name, fields, f'; its fields are {", ".join(fields) or "none"}')
+            raise FieldError(_join(path, str(name)), f'{message.__name__} has no such field{remedy}')
     return message(
         **{
             name: _value_of_slot(plain[name], slot, _join(path, name))

@@ -10,7 +10,6 @@ what is installed, and can name nothing else.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib
 import re
@@ -25,6 +24,7 @@ from ament_index_python.resources import get_resource, get_resources
 from rosidl_parser.definition import BasicType, UnboundedString
 
 from flexbt_common.errors import UnknownTypeError
+from flexbt_core.values import hint, shown
 
 PRIMITIVES: Final[dict[str, Any]] = {
     'bool': BasicType('boolean'),
@@ -63,14 +63,6 @@ class ValueType:
 
     def __str__(self) -> str:
         return self.name
-
-
-def shown(value: object, limit: int = 80) -> str:
-    """``value`` for a message to people, cut to ``limit`` characters. Never raises."""
-    try:
-        return f'{value!r:.{limit}}'
-    except Exception:  # an integer of too many digits, data nested too deeply, code of others
-        return f'a {type(value).__name__} that cannot be shown'
 
 
 @functools.cache
@@ -165,14 +157,12 @@ def _message_class(name: str, package: str, short: str) -> type[Any]:
             if package in get_packages_with_prefixes()
             else 'install it, or source the workspace that has it'
         )
-        near = difflib.get_close_matches(package, packages, n=1)
-        hint = f'; did you mean {near[0]!r}?' if near else ''
-        raise UnknownTypeError(name, f'type {name!r}: no installed interface package {package!r}: {remedy}{hint}')
+        remedy += hint(package, packages, '')
+        raise UnknownTypeError(name, f'type {name!r}: no installed interface package {package!r}: {remedy}')
     messages = _messages_of(package)
     if short not in messages:
-        near = difflib.get_close_matches(short, messages, n=1)
-        hint = f'; did you mean {package}/msg/{near[0]}?' if near else ''
-        raise UnknownTypeError(name, f'type {name!r}: package {package!r} has no message {short!r}{hint}')
+        near = hint(short, messages, '')
+        raise UnknownTypeError(name, f'type {name!r}: package {package!r} has no message {short!r}{near}')
     message: type[Any] = getattr(importlib.import_module(f'{package}.msg'), short)
     return message
 

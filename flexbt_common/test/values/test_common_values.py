@@ -215,7 +215,7 @@ def test_yaml_as_people_write_it() -> None:
         ('1e39', 'float32', ['float32']),
         ('{covariance: [1.0]}', 'geometry_msgs/msg/PoseWithCovariance', ['covariance', 'exactly 36']),
         ('{a: [', 'geometry_msgs/msg/Pose', ['no JSON, and no YAML: ']),
-        ('1', 'geometry_msgs/msg/Poze', ['Poze', 'geometry_msgs/msg/Pose']),
+        ('1', 'geometry_msgs/msg/Poze', ['Poze', "did you mean 'Pose'"]),
         ('1', 'geometri_msgs/msg/Pose', ['geometri_msgs', 'geometry_msgs']),
         ('1', 'os.path', ['not a type name']),
     ],

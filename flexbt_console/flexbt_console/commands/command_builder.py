@@ -7,7 +7,6 @@ cannot work is refused here, with what would work; the executive checks everythi
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,6 +24,7 @@ from flexbt_console.mirror import (
     StateKind,
     View,
 )
+from flexbt_core.values import hint, shown
 
 from .operator_values import answer
 
@@ -151,7 +151,7 @@ class CommandBuilder:
         """
         if outcome not in decision.outcomes:
             raise RefusedError(
-                f'{decision.path} has no outcome {outcome!r:.80}; choose one of {", ".join(decision.outcomes)}'
+                f'{decision.path} has no outcome {shown(outcome)}; choose one of {", ".join(decision.outcomes)}'
             )
         if outcome == decision.outcome:
             return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision.id)
@@ -173,7 +173,7 @@ class CommandBuilder:
             path = _waiting_path(view)
         outcomes = view.outcomes(path)
         if outcomes and outcome not in outcomes:
-            raise RefusedError(f'{path} has no outcome {outcome!r:.80}; choose one of {", ".join(outcomes)}')
+            raise RefusedError(f'{path} has no outcome {shown(outcome)}; choose one of {", ".join(outcomes)}')
         if not decision_id:
             # The decision that the operator overrides: should another one have come up meanwhile, the
             # executive refuses instead of leaving a state that the operator has not seen.
@@ -235,7 +235,7 @@ def _pending(view: View, decision_id: str) -> Decision:
     decision = view.pending(decision_id)
     if decision is None:
         listed = ', '.join(_describe(decision) for decision in view.decisions) or 'none'
-        raise RefusedError(f'decision {decision_id!r:.80} is not pending (any more); pending: {listed}')
+        raise RefusedError(f'decision {shown(decision_id)} is not pending (any more); pending: {listed}')
     return decision
 
 
@@ -275,7 +275,7 @@ def _active_path(view: View, text: str) -> str:
             return known  # it may be active though all in it has ended: the executive knows
     active = ', '.join(matches or view.active_paths) or 'none'
     what = 'is not unique' if matches else 'is not active'
-    raise RefusedError(f'{text!r:.80} {what}; active: {active}')
+    raise RefusedError(f'{shown(text)} {what}; active: {active}')
 
 
 def _known_path(view: View, text: str) -> str:
@@ -288,10 +288,9 @@ def _known_path(view: View, text: str) -> str:
     if len(matches) == 1:
         return matches[0]
     if matches:
-        raise RefusedError(f'{text!r:.80} is not unique: {", ".join(matches)}')
-    near = difflib.get_close_matches(suffix, known, n=1)
-    hint = f'; did you mean {near[0]!r}?' if near else '; see "structure"'
-    raise RefusedError(f'there is no state {text!r:.80}{hint}')
+        raise RefusedError(f'{shown(text)} is not unique: {", ".join(matches)}')
+    remedy = hint(suffix, known, '; see "structure"')
+    raise RefusedError(f'there is no state {shown(text)}{remedy}')
 
 
 def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]]) -> None:
@@ -300,11 +299,10 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]])
         return
     behavior = next((behavior for behavior in behaviors if behavior.name == name), None)
     if behavior is None:
-        near = difflib.get_close_matches(name, [behavior.name for behavior in behaviors], n=1)
-        hint = f'did you mean {near[0]!r}?' if near else 'see "behaviors"'
-        raise RefusedError(f'there is no behavior {name!r:.80}; {hint}')
+        remedy = hint(name, [behavior.name for behavior in behaviors], '; see "behaviors"')
+        raise RefusedError(f'there is no behavior {shown(name)}{remedy}')
     if behavior.error:
-        raise RefusedError(f'behavior {name!r:.80} cannot be used: {behavior.error}')
+        raise RefusedError(f'behavior {shown(name)} cannot be used: {behavior.error}')
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
     for key, value in arguments:
         if '/' in key:  # of an embedded behavior, as in /Inner/speed: the executive knows
@@ -312,7 +310,7 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]])
         parameter = parameters.get(key)
         if parameter is None:
             known = ', '.join(parameters) or 'none'
-            raise RefusedError(f'behavior {name!r:.80} has no parameter {key!r:.80}; its parameters: {known}')
+            raise RefusedError(f'behavior {shown(name)} has no parameter {shown(key)}; its parameters: {known}')
         if parameter.choices and value not in parameter.choices:
             allowed = ', '.join(parameter.choices)
-            raise RefusedError(f'parameter {key!r:.80}: {value!r:.80} is none of its choices ({allowed})')
+            raise RefusedError(f'parameter {shown(key)}: {shown(value)} is none of its choices ({allowed})')

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import Final
 
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror import LOST_SECONDS
+from flexbt_core.values import excerpt, hint, shown
 
 from .registry import COMMANDS, find
 from .spec import CommandLine, CommandSpec, Option, Read, seconds
@@ -109,9 +109,8 @@ def _split_ros_arguments(words: Sequence[str]) -> tuple[list[str], tuple[str, ..
 def _find(name: str) -> CommandSpec:
     spec = find(name)
     if spec is None:
-        near = difflib.get_close_matches(name, [spec.name for spec in COMMANDS], n=1)
-        hint = f'did you mean {near[0]!r}?' if near else 'see console --help'
-        raise UsageError(f'there is no command {name!r:.80}; {hint}')
+        remedy = hint(name, [spec.name for spec in COMMANDS], '; see console --help')
+        raise UsageError(f'there is no command {shown(name)}{remedy}')
     return spec
 
 
@@ -121,9 +120,8 @@ def _take_option(word: str, rest: list[str], spec: CommandSpec | None, options: 
     option = next((option for option in known if option.name == name), None)
     if option is None:
         where = f'"{spec.name}" has' if spec else 'there is'
-        near = difflib.get_close_matches(name, [option.name for option in known], n=1)
-        hint = f'; did you mean {near[0]}?' if near else ''
-        raise UsageError(f'{where} no option {name} here{hint}')
+        near = hint(name, [option.name for option in known], '')
+        raise UsageError(f'{where} no option {excerpt(name)} here{near}')
     if name in options and not option.repeated:
         raise UsageError(f'{name} is given twice')
     if option.value is None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -15,6 +14,7 @@ from typing import Any, Final
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue, Pose, plain_type
 from flexbt_core import values
+from flexbt_core.values import hint, shown
 
 MOST_CELLS: Final = 1000
 """Columns, and rows, of a picture in cells."""
@@ -32,7 +32,7 @@ def autonomy_level(text: str) -> AutonomyLevel:
     numbers = {str(level.value): level for level in AutonomyLevel}
     level = names.get(text.lower(), numbers.get(text))
     if level is None:
-        raise UsageError(f'{text!r:.80} is no level of autonomy; expected off, low, high, full or 0 to 3')
+        raise UsageError(f'{shown(text)} is no level of autonomy; expected off, low, high, full or 0 to 3')
     return level
 
 
@@ -44,7 +44,7 @@ def assignment(text: str) -> tuple[str, str]:
     """
     key, equals, value = text.partition('=')
     if not equals or not key:
-        raise UsageError(f'{text!r:.80}: expected PARAMETER=VALUE')
+        raise UsageError(f'{shown(text)}: expected PARAMETER=VALUE')
     return key, value
 
 
@@ -55,7 +55,7 @@ def line_count(text: str) -> int:
         UsageError: it is no number above 0.
     """
     if not text.isascii() or not text.isdigit() or int(text) == 0:
-        raise UsageError(f'{text!r:.80}: expected a number of lines above 0')
+        raise UsageError(f'{shown(text)}: expected a number of lines above 0')
     return int(text)
 
 
@@ -66,14 +66,14 @@ _CAPABILITIES: Final = 1_000_000
 def liveness(text: str) -> str:
     """Read what is assumed about failures. Raises UsageError when it is none of LIVENESS."""
     if text not in LIVENESS:
-        raise UsageError(f'{text!r:.80}: expected {", ".join(LIVENESS)}')
+        raise UsageError(f'{shown(text)}: expected {", ".join(LIVENESS)}')
     return text
 
 
 def retry_count(text: str) -> int:
     """Read how often a state is repeated. Raises UsageError when it is no number from 0 to 1000."""
     if not text.isascii() or not text.isdigit() or len(text) > 9 or int(text) > _MOST_RETRIES:
-        raise UsageError(f'{text!r:.80}: expected a number from 0 to {_MOST_RETRIES}')
+        raise UsageError(f'{shown(text)}: expected a number from 0 to {_MOST_RETRIES}')
     return int(text)
 
 
@@ -99,7 +99,7 @@ def port_number(text: str) -> int:
         UsageError: it is no number up to 65535.
     """
     if not text.isascii() or not text.isdigit() or len(text) > 5 or int(text) > 65535:
-        raise UsageError(f'{text!r:.80}: expected the number of a port, 0 to 65535')
+        raise UsageError(f'{shown(text)}: expected the number of a port, 0 to 65535')
     return int(text)
 
 
@@ -112,7 +112,7 @@ def full_namespace(text: str) -> str:
     full = '/' + text.strip('/')
     if _NAMESPACE.fullmatch(full) is None:
         raise UsageError(
-            f'{text!r:.80} is no namespace of ROS: letters, digits and _ between slashes, no part begins with a digit'
+            f'{shown(text)} is no namespace of ROS: letters, digits and _ between slashes, no part begins with a digit'
         )
     return full
 
@@ -146,7 +146,7 @@ def value_text(text: str, type: str, places: Mapping[str, Pose]) -> str:
     if pose_form is not None and not text.lstrip().startswith(('{', '[')):
         poses = [pose_form(_pose(part, places)) for part in text.split(';')] if text.strip() else []
         if not is_array and len(poses) != 1:
-            raise RefusedError(f'{text!r:.80}: expected one pose: a place, or "x y yaw"')
+            raise RefusedError(f'{shown(text)}: expected one pose: a place, or "x y yaw"')
         return json.dumps(poses if is_array else poses[0])
     return _checked_text(text, type)
 
@@ -159,7 +159,7 @@ def answer(decision: Decision, text: str, places: Mapping[str, Pose]) -> InputVa
     """
     allowed = decision.input_choices
     if allowed and text not in allowed:
-        raise RefusedError(f'{text!r:.80} is not allowed here; choose one of {", ".join(allowed)}')
+        raise RefusedError(f'{shown(text)} is not allowed here; choose one of {", ".join(allowed)}')
     if allowed and decision.input_type.removesuffix('[]') not in ('string', 'str'):
         places = {}
     return InputValue('', decision.input_type, value_text(text, decision.input_type, places))
@@ -175,7 +175,7 @@ def start_input(text: str, places: Mapping[str, Pose]) -> InputValue:
     key, equals, rest = text.partition('=')
     type, colon, value = rest.partition(':')
     if not (key and equals and type and colon):
-        raise UsageError(f'--input {text!r:.80}: expected key=type:value, e.g. goal=geometry_msgs/PoseStamped:1 2 0')
+        raise UsageError(f'--input {shown(text)}: expected key=type:value, e.g. goal=geometry_msgs/PoseStamped:1 2 0')
     return InputValue(key, type, value_text(value, type, places))
 
 
@@ -187,12 +187,11 @@ def _pose(text: str, places: Mapping[str, Pose]) -> Pose:
         x, y, *rest = (float(word) for word in words)
         (yaw,) = rest or (0.0,)
     except ValueError:
-        near = difflib.get_close_matches(text.strip(), places, n=1)
-        known = f'the places are {", ".join(sorted(places))}' if places else 'there are no named places'
-        hint = f'did you mean {near[0]}?' if near else known
-        raise RefusedError(f'{text.strip()!r:.80} is no place and not "x y yaw" (metres, radians); {hint}') from None
+        known = f'; the places are {", ".join(sorted(places))}' if places else '; there are no named places'
+        remedy = hint(text.strip(), places, known)
+        raise RefusedError(f'{shown(text.strip())} is no place and not "x y yaw" (metres, radians){remedy}') from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
-        raise RefusedError(f'{text.strip()!r:.80}: a pose has finite numbers')
+        raise RefusedError(f'{shown(text.strip())}: a pose has finite numbers')
     return Pose(x, y, yaw)
 
 
@@ -226,7 +225,7 @@ def _checked_text(text: str, type: str) -> str:
     try:
         return value_to_text(text_to_value(text, resolved.name), resolved.name)
     except ValueConversionError as error:
-        raise RefusedError(f'{text!r:.80} is no {type}: {error.reason}') from error
+        raise RefusedError(f'{shown(text)} is no {type}: {error.reason}') from error
 
 
 def map_size(text: str) -> tuple[int, int]:
@@ -242,4 +241,4 @@ def map_size(text: str) -> tuple[int, int]:
         size = int(columns), int(rows)
         if 8 <= size[0] <= MOST_CELLS and 4 <= size[1] <= MOST_CELLS:
             return size
-    raise UsageError(f'{text!r:.80}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_CELLS}x{MOST_CELLS}')
+    raise UsageError(f'{shown(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_CELLS}x{MOST_CELLS}')

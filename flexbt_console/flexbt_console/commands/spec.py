@@ -22,6 +22,7 @@ from flexbt_console.mirror import (
     UserdataScope,
     View,
 )
+from flexbt_core.values import shown
 
 from .command_builder import CommandBuilder
 
@@ -343,5 +344,5 @@ def seconds(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise UsageError(f'{text!r:.80}: expected a number of seconds above 0')
+        raise UsageError(f'{shown(text)}: expected a number of seconds above 0')
     return number

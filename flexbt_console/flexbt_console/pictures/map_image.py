@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror import OCCUPIED, GridMap, Pose, Surroundings
-from flexbt_core.values import one_line
+from flexbt_core.values import excerpt, one_line
 
 from .map_canvas import Frame, Point, frame_for
 
@@ -72,7 +72,9 @@ def save_map(file: Path, around: Surroundings, robot: Pose | None, places: Mappi
     try:
         image.crop((pad[0], pad[1], PIXELS - pad[0], PIXELS - pad[1])).save(file, 'PNG')
     except OSError as error:
-        raise UsageError(f'the picture cannot be written to {str(file)!r:.200}: {error.strerror or error}') from None
+        raise UsageError(
+            f'the picture cannot be written to {excerpt(str(file), 200)!r}: {error.strerror or error}'
+        ) from None
 
 
 def _extent(map: GridMap | None, frame: Frame, axis: int) -> int:

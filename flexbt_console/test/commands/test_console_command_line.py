@@ -85,7 +85,7 @@ def test_cancel_stands_alone_among_the_options_of_its_command() -> None:
 def test_a_near_name_is_suggested() -> None:
     with pytest.raises(UsageError, match="did you mean 'status'"):
         parse(['statsu'])
-    with pytest.raises(UsageError, match='did you mean --autonomy'):
+    with pytest.raises(UsageError, match="did you mean '--autonomy'"):
         parse(['start', 'D', '--autonomie', '1'])
 
 

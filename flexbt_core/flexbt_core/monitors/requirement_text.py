@@ -35,7 +35,7 @@ from typing import Final, NamedTuple
 from flexbt_core.behavior_tree.model import FAILURE, SUCCESS
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import MachineDefinition, StateDefinition
-from flexbt_core.values import YamlParts, hint, line_of
+from flexbt_core.values import YamlParts, hint, line_of, shown
 
 from .requirements import (
     After,
@@ -115,7 +115,7 @@ def read_requirements(text: str, source: str) -> dict[str, tuple[Stated, ...]]:
     found: dict[str, tuple[Stated, ...]] = {}
     for name, node in parts.mapping(parts.root(text), 'the file').items():
         stated = []
-        for one in parts.sequence(node, f"what is required of '{name:.80}'"):
+        for one in parts.sequence(node, f'what is required of {shown(name)}'):
             line = parts.name(one, 'a requirement')
             try:
                 stated.append(parse_requirement(line, f'{source}:{line_of(one)}'))

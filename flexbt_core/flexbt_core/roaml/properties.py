@@ -33,7 +33,7 @@ from flexbt_core.roaml.language import (
     names_in,
     read_text,
 )
-from flexbt_core.values import load_json
+from flexbt_core.values import load_json, shown
 
 _OPERATORS: Final = {
     '∧': '&&',
@@ -119,7 +119,7 @@ def read_properties(path: str, asked: Node | None) -> list[Property]:
     for row in rows:
         name = row.get('name') if isinstance(row, dict) else None
         if not isinstance(name, str) or any(name == one.name for one in found):
-            raise fail(f'a property has no name, or one that another has: {str(name)[:80]!r}')
+            raise fail(f'a property has no name, or one that another has: {shown(name)}')
         try:
             found.append(_property(name, row.get('expression')))
         except PropertyError as error:
@@ -140,7 +140,7 @@ def _property(name: str, given: Any) -> Property:
         given = _mapping(given.get('left'))
     extreme = given.get('op')
     if extreme not in ('Pmin', 'Pmax'):
-        raise PropertyError(f'{str(extreme)[:80]!r} is not known where a probability is asked; there are Pmin and Pmax')
+        raise PropertyError(f'{shown(extreme)} is not known where a probability is asked; there are Pmin and Pmax')
     path = _mapping(given.get('exp'))
     lower, upper = _bounds(path)
     operator = path.get('op')
@@ -154,7 +154,7 @@ def _property(name: str, given: Any) -> Property:
         right = Call('unary !', (inner,))
         return Property(name, f'{extreme}(G {_text(inner)})', not is_least, true, right, True, lower, upper, demand)
     if operator not in ('U', 'W'):
-        raise PropertyError(f'{str(operator)[:80]!r} is not known of a path; there are F, G, U and W')
+        raise PropertyError(f'{shown(operator)} is not known of a path; there are F, G, U and W')
     left, right = _expression(path.get('left')), _expression(path.get('right'))
     text = f'{extreme}({_text(left)} {operator} {_text(right)})'
     if operator == 'U':
@@ -222,7 +222,7 @@ def _expression(given: Any, depth: int = 0) -> Expression:
         if not isinstance(elements, list):
             raise PropertyError('the elements of an array are missing')
         return Array(tuple(_expression(one, depth + 1) for one in elements))
-    raise PropertyError(f'the operator {str(operator)[:80]!r} is not known')
+    raise PropertyError(f'the operator {shown(operator)} is not known')
 
 
 def _text(expression: Expression) -> str:

@@ -14,8 +14,3 @@ class SkillError(FlexbtError):
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems: tuple[str, ...] = tuple(problems)
         super().__init__('\n'.join(self.problems))
-
-
-def shown(text: str) -> str:
-    """A text of others in a message: in quotes, and never long."""
-    return repr(text if len(text) <= 80 else f'{text[:60]}...{text[-15:]}')

@@ -10,9 +10,9 @@ from string import Template
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import hint
+from flexbt_core.values import excerpt, hint, shown
 
-from .errors import SkillError, shown
+from .errors import SkillError
 from .literals import EQUAL, Immutable, Literal, Predicate, is_name, is_object
 from .skill import Skill
 
@@ -111,7 +111,7 @@ class SkillLibrary(Immutable):
             if not is_object(name):
                 yield ('objects', name), f'{shown(name)} cannot name an object: letters, digits and _.:/@-'
             if kind not in known:
-                remedy = f'; one that no predicate takes has to be named: types: {{{kind:.80}: {ANYTHING}}}'
+                remedy = f'; one that no predicate takes has to be named: types: {{{excerpt(kind)}: {ANYTHING}}}'
                 yield ('objects', name), f'{shown(kind)} is no type{hint(kind, known)}{remedy}'
         for predicate in self.predicates.values():
             at = ('predicates', predicate.name)

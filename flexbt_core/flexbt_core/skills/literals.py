@@ -10,7 +10,9 @@ from string import Template
 from types import MappingProxyType
 from typing import Final, Self
 
-from .errors import SkillError, shown
+from flexbt_core.values import shown
+
+from .errors import SkillError
 
 EQUAL: Final = '='
 """The predicate that every library has: two arguments mean the same object."""

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from flexbt_core.values import shown
+
 from .errors import SkillError
 from .literals import Literal
 from .skill import Outcome, OutcomeClass, Skill
@@ -48,7 +50,7 @@ class _Fact:
 
     @property
     def source(self) -> str:
-        return f'as {self.path} {"measured" if self.is_measured else f"brought about by {self.outcome!r:.80}"}'
+        return f'as {self.path} {"measured" if self.is_measured else f"brought about by {shown(self.outcome)}"}'
 
 
 class SkillMonitor:
@@ -103,12 +105,12 @@ class SkillMonitor:
                 self._facts.pop(effect.atom, None)
             return found
         if told is None:
-            return [*found, f'it ended by {outcome!r:.80}, of which its skill knows nothing']
+            return [*found, f'it ended by {shown(outcome)}, of which its skill knows nothing']
         is_measured = told.kind is OutcomeClass.ANSWERED
         for effect in told.effects:
             fact = self._facts.get(effect.atom)
             if is_measured and fact is not None and not fact.is_measured and fact.holds is not effect.positive:
-                claim = f'{fact.path} ended by {fact.outcome!r:.80}, after which {~effect} was to hold'
+                claim = f'{fact.path} ended by {shown(fact.outcome)}, after which {~effect} was to hold'
                 found.append(f'{claim}; it does not')
             for atom in self._ended_by(effect):
                 self._facts[atom] = _Fact(False, path, outcome, is_measured)

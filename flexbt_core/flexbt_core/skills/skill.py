@@ -11,9 +11,9 @@ from string import Template
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
-from .errors import SkillError, shown
+from .errors import SkillError
 from .literals import Immutable, Literal, Predicate, literals
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
@@ -83,13 +83,13 @@ def outcome_class(name: str) -> OutcomeClass:
         return OutcomeClass(name)
     except ValueError:
         known = [kind.value for kind in OutcomeClass]
-        raise SkillError([f'{name!r:.80} is no class of outcomes{hint(name, known)}']) from None
+        raise SkillError([f'{shown(name)} is no class of outcomes{hint(name, known)}']) from None
 
 
 def level(name: str) -> int:
     """The level of autonomy of this name. Raises SkillError."""
     if name.lower() not in LEVELS:
-        raise SkillError([f'{name!r:.80} is no level of autonomy; there are {", ".join(LEVELS)}'])
+        raise SkillError([f'{shown(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
     return LEVELS.index(name.lower())
 
 
@@ -240,12 +240,12 @@ class Skill(Immutable):
         found: list[tuple[tuple[str, ...], str]] = []
         for name, number in {'cost': self.cost, 'deadline': self.deadline}.items():
             if number is not None and not (math.isfinite(number) and number >= 0.0):
-                found.append(((name,), f'{number!r:.80} has to be a number from 0 on'))
+                found.append(((name,), f'{shown(number)} has to be a number from 0 on'))
         least, most = self.duration
         if not (math.isfinite(least) and least >= 0.0 and (most is None or least <= most)):
             found.append((('duration',), f'[{least}, {most}] has to be a least and a greatest time, s'))
         if self.retries is not None and self.retries < 0:
-            found.append((('retries',), f'{self.retries!r:.80} has to be a number from 0 on'))
+            found.append((('retries',), f'{shown(self.retries)} has to be a number from 0 on'))
         for name, outcome in self.outcomes.items():
             both = {effect.atom for effect in outcome.effects if effect.positive} & {
                 effect.atom for effect in outcome.effects if not effect.positive

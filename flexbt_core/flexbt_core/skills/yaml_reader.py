@@ -33,9 +33,9 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.values import YamlParts, hint, line_of
+from flexbt_core.values import YamlParts, excerpt, hint, line_of, shown
 
-from .errors import SkillError, shown
+from .errors import SkillError
 from .library import ANYTHING, At, SkillLibrary
 from .literals import BlackboardSensor, ConditionSensor, Literal, Predicate, Sensor, TopicSensor, parse_literal
 from .skill import Outcome, OutcomeClass, Skill, class_of, level, outcome_class
@@ -93,7 +93,7 @@ class _Reader(YamlParts):
     # -- predicates --------------------------------------------------------------------------------------------------
 
     def _predicate(self, name: str, node: yaml.Node) -> Predicate:
-        what = f'predicate {name:.80}'
+        what = f'predicate {excerpt(name)}'
         entries = self.mapping(node, what)
         self.refuse_others(entries, ('parameters', 'sensor', 'exclusive'), what)
         exclusive = self.name(entries['exclusive'], f'exclusive of {what}') if 'exclusive' in entries else None
@@ -122,7 +122,7 @@ class _Reader(YamlParts):
     # -- skills ------------------------------------------------------------------------------------------------------
 
     def _skill(self, name: str, node: yaml.Node) -> Skill:
-        what = f'skill {name:.80}'
+        what = f'skill {excerpt(name)}'
         entries = self.mapping(node, what)
         known = self._base.skills.get(name)
         given: dict[str, Any] = {}
@@ -141,7 +141,7 @@ class _Reader(YamlParts):
         for name, child in self.mapping(node, f'outcomes of {what}').items():
             if known is not None and known.outcomes and name not in known.outcomes:
                 self.problem(child, f'{what} has no outcome {shown(name)}{hint(name, known.outcomes)}')
-            outcomes[name] = self._outcome(name, child, f'outcome {name:.80} of {what}')
+            outcomes[name] = self._outcome(name, child, f'outcome {excerpt(name)} of {what}')
         return outcomes
 
     def _outcome(self, name: str, node: yaml.Node, what: str) -> Outcome:
@@ -176,7 +176,7 @@ class _Reader(YamlParts):
         """A number."""
         value = self.value(node, what)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.problem(node, f'{what} has to be a number, not {value!r:.80}')
+            self.problem(node, f'{what} has to be a number, not {shown(value)}')
             return None
         try:
             return float(value)
@@ -196,7 +196,7 @@ class _Reader(YamlParts):
         """Whether something is so."""
         value = self.value(node, what)
         if not isinstance(value, bool):
-            self.problem(node, f'{what} has to be true or false, not {value!r:.80}')
+            self.problem(node, f'{what} has to be true or false, not {shown(value)}')
             return None
         return value
 

@@ -4,10 +4,11 @@
 from typing import TYPE_CHECKING, Any
 
 from .escaping import lines, one_line
+from .excerpts import excerpt, shown
 from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
-from .similar_names import hint
+from .similar_names import hint, similar_names
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
@@ -19,6 +20,7 @@ __all__ = [
     'YamlParts',
     'compose_yaml',
     'construct_yaml',
+    'excerpt',
     'hint',
     'line_of',
     'lines',
@@ -27,6 +29,8 @@ __all__ = [
     'load_yaml',
     'one_line',
     'sendable',
+    'shown',
+    'similar_names',
 ]
 
 if not TYPE_CHECKING:  # type checkers would take any name for one of this module

@@ -12,6 +12,8 @@ from typing import Any, Final
 
 import yaml
 
+from .excerpts import shown
+
 MAX_DEPTH: Final = 100
 """Levels of mappings and lists in each other that are read at most."""
 
@@ -112,7 +114,7 @@ class _Constructor(yaml.constructor.SafeConstructor):
             raise
         except Exception as error:  # PyYAML lets pass whatever a conversion raises
             kind = node.tag.rpartition(':')[2]
-            raise YamlError(node.start_mark, f'{node.value!r:.80} is no {kind}') from error
+            raise YamlError(node.start_mark, f'{shown(node.value)} is no {kind}') from error
 
 
 def _problem(error: Exception) -> str:

@@ -6,11 +6,12 @@ Names are taken as they are written: ``off`` is a name, and no truth value.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import Any
 
 import yaml
 
+from .excerpts import shown
 from .nested_yaml import YamlError, compose_yaml, construct_yaml
 from .similar_names import hint
 
@@ -44,7 +45,7 @@ class YamlParts:
         for key, value in node.value:
             name = self.name(key, f'a name in {what}')
             if name in entries:
-                self.problem(key, f"{what} has '{name:.80}' twice")
+                self.problem(key, f'{what} has {shown(name)} twice')
             entries[name] = value
         return entries
 
@@ -80,13 +81,13 @@ class YamlParts:
 
     def values(self, node: yaml.Node, what: str) -> dict[str, Any]:
         """Plain data by names."""
-        return {name: self.value(one, f"{what}: '{name:.80}'") for name, one in self.mapping(node, what).items()}
+        return {name: self.value(one, f'{what}: {shown(name)}') for name, one in self.mapping(node, what).items()}
 
-    def refuse_others(self, entries: dict[str, yaml.Node], known: Iterable[str], what: str) -> None:
+    def refuse_others(self, entries: dict[str, yaml.Node], known: Collection[str], what: str) -> None:
         """A problem for each entry that has none of the names that are ``known``."""
         for name, value in entries.items():
             if name not in known:
-                self.problem(value, f"{what} cannot have '{name:.80}'{hint(name, list(known))}")
+                self.problem(value, f'{what} cannot have {shown(name)}{hint(name, known)}')
 
     def problem(self, node: yaml.Node, text: str) -> None:
         """Something is wrong at this place."""
@@ -102,4 +103,4 @@ def shown_node(node: yaml.Node) -> str:
     """A node in a message."""
     if isinstance(node, yaml.MappingNode):
         return 'a mapping'
-    return 'a list' if isinstance(node, yaml.SequenceNode) else f"'{node.value:.80}'"
+    return 'a list' if isinstance(node, yaml.SequenceNode) else f'{shown(node.value)}'

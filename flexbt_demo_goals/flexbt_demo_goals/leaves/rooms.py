@@ -10,7 +10,7 @@ from typing import Final
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_core.values import Place, load_places
+from flexbt_core.values import Place, load_places, shown
 
 PACKAGE: Final = 'flexbt_demo_goals'
 
@@ -40,7 +40,7 @@ def table_of(room: str) -> Place:
     """
     places = _places()
     if room not in places:
-        raise ValueError(f'there is no room {room!r:.80}; there are {", ".join(places)}')
+        raise ValueError(f'there is no room {shown(room)}; there are {", ".join(places)}')
     return places[room]
 
 

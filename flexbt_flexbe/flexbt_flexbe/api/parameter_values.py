@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from flexbt_common.runtime import resolve_file
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import load_yaml
+from flexbt_core.values import load_yaml, shown
 from flexbt_onboard.errors import ParameterError
 
 YAML_PREFIX: Final = '/YAML:'
@@ -39,7 +39,7 @@ def converted(name: str, value: Any, like: Any) -> Any:
         return str(value) if isinstance(like, str) else value
     except (TypeError, ValueError, OverflowError) as error:
         kind = type(like).__name__
-        raise ParameterError(f'parameter {name!r}: {value!r:.80} is not a value of type {kind}: {error}') from None
+        raise ParameterError(f'parameter {name!r}: {shown(value)} is not a value of type {kind}: {error}') from None
 
 
 def from_yaml_file(name: str, text: str) -> Any:

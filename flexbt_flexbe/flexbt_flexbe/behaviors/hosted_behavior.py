@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_core.state_machine import OperatableStateMachine, Severity
+from flexbt_core.values import shown
 from flexbt_flexbe.api import YAML_PREFIX, from_yaml_file, is_yaml_file
 from flexbt_flexbe.api import Behavior as FlexbeBehavior
 from flexbt_flexbe.errors import FlexbeManifestError
@@ -91,10 +92,10 @@ def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
     module = importlib.import_module(source.module)
     found = getattr(module, source.class_name, None)
     if not (isinstance(found, type) and issubclass(found, FlexbeBehavior)):
-        shown = (
-            'has no such class' if found is None else f'has {found!r:.80} there, which is no Behavior of flexbe_core'
+        problem = (
+            'has no such class' if found is None else f'has {shown(found)} there, which is no Behavior of flexbe_core'
         )
-        raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {shown}')
+        raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {problem}')
     return found
 
 

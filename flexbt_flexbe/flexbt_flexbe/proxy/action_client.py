@@ -10,6 +10,7 @@ from typing import Any, Final
 from action_msgs.msg import GoalStatus as RosGoalStatus
 
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_core.values import shown
 from flexbt_flexbe.errors import NoResultError, ProxyError
 
 from .run_proxy import Listeners, RunProxy, calling_state
@@ -64,7 +65,7 @@ class ProxyActionClient(RunProxy):
         if known is not None and known.link.action_type is action_type:
             return
         if known is not None:
-            raise ProxyError(f'action {topic!r} is used as {known.link.type_name} already, not as {action_type!r:.80}')
+            raise ProxyError(f'action {topic!r} is used as {known.link.type_name} already, not as {shown(action_type)}')
         services = self._run.services
         self._clients[topic] = _Client(services.actions.link(action_type, topic), services.runtime.steady.now())
 
@@ -80,7 +81,7 @@ class ProxyActionClient(RunProxy):
         client = self._client(topic)
         goal_type = client.link.action_type.Goal
         if not isinstance(goal, goal_type):
-            raise ProxyError(f'action {topic!r}: a goal is a {goal_type.__name__}, not {goal!r:.80}')
+            raise ProxyError(f'action {topic!r}: a goal is a {goal_type.__name__}, not {shown(goal)}')
         if self.is_active(topic) and client.call is not None and not client.call.cancel_requested:
             raise ProxyError(f'action {topic!r}: the goal that was sent before is still active; cancel it first')
         runtime = self._run.services.runtime

@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
+from flexbt_core.values import shown
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.behaviors import RunContext
 
@@ -97,7 +98,7 @@ class ProxyPublisher(RunProxy):
         """
         known = self._topic(topic)
         if not isinstance(msg, known.message_class):
-            raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {msg!r:.80}')
+            raise ProxyError(f'topic {topic!r}: a message is a {known.message_class.__name__}, not {shown(msg)}')
         known.publisher.publish(msg)
 
     @on_class_too

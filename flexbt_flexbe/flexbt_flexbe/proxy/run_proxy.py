@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 from flexbt_common.values import resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import EventState, called_state
+from flexbt_core.values import shown
 from flexbt_flexbe.errors import ProxyError
 from flexbt_onboard.behaviors import current_run
 
@@ -82,7 +83,7 @@ def message_class(topic: str, message: str | type[Any]) -> type[Any]:
     if isinstance(message, type) and hasattr(message, 'get_fields_and_field_types'):
         return message
     if not isinstance(message, str):
-        raise ProxyError(f'topic {topic!r}: {message!r:.80} is neither a message class nor the name of one')
+        raise ProxyError(f'topic {topic!r}: {shown(message)} is neither a message class nor the name of one')
     try:
         resolved = resolve_type(message)
     except FlexbtError as error:

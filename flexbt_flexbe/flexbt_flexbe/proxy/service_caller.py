@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_core.values import shown
 from flexbt_flexbe.errors import NoResultError, ProxyError
 
 from .action_client import SERVER_SECONDS
@@ -45,7 +46,7 @@ class ProxyServiceCaller(RunProxy):
         if known is None:
             self._services[topic] = _Service(self._run.services.services.link(srv_type, topic))
         elif known.link.service_type is not srv_type:
-            raise ProxyError(f'service {topic!r} is used as {known.link} already, not as {srv_type!r:.80}')
+            raise ProxyError(f'service {topic!r} is used as {known.link} already, not as {shown(srv_type)}')
 
     setup_service = setupService
 
@@ -106,7 +107,7 @@ class ProxyServiceCaller(RunProxy):
         service = self._service(topic)
         request_type = service.link.service_type.Request
         if not isinstance(request, request_type):
-            raise ProxyError(f'service {topic!r}: a request is a {request_type.__name__}, not {request!r:.80}')
+            raise ProxyError(f'service {topic!r}: a request is a {request_type.__name__}, not {shown(request)}')
 
         def on_done(_: ServiceOutcome) -> None:
             ring()

@@ -14,7 +14,7 @@ import yaml
 
 from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml, shown
 from flexbt_flexbe.errors import StateTestError
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
@@ -57,7 +57,7 @@ def read_state_test(file: Path) -> StateTest:
     except (OSError, FlexbtError, ValueError) as error:
         raise StateTestError(f'{file}: {error}') from None
     if not isinstance(content, dict):
-        raise StateTestError(f'{file}: a test is a mapping of {", ".join(sorted(_KEYS))}, not {content!r:.80}')
+        raise StateTestError(f'{file}: a test is a mapping of {", ".join(sorted(_KEYS))}, not {shown(content)}')
     if needed := sorted(_NEEDS & content.keys()):
         raise StateTestError(
             f'{file}: {", ".join(needed)}: nodes and data that a test needs are not started here; '
@@ -95,7 +95,7 @@ def _subject(file: Path, content: Mapping[str, Any]) -> tuple[str, str]:
 def _mapping(file: Path, content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = content.get(key) or {}
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
-        raise StateTestError(f'{file}: {key} has to be a mapping of names to values, not {value!r:.80}')
+        raise StateTestError(f'{file}: {key} has to be a mapping of names to values, not {shown(value)}')
     return value
 
 
@@ -114,9 +114,9 @@ def _function(file: Path, text: str) -> Any:
     try:
         tree = ast.parse(text, mode='eval')
     except SyntaxError as error:
-        raise StateTestError(f'{file}: {text!r:.80} is no function: {error.msg}') from None
+        raise StateTestError(f'{file}: {shown(text)} is no function: {error.msg}') from None
     if not isinstance(tree.body, ast.Lambda):
-        raise StateTestError(f'{file}: {text!r:.80} is no function')
+        raise StateTestError(f'{file}: {shown(text)} is no function')
     return eval(compile(tree, str(file), 'eval'), {})  # noqa: S307
 
 

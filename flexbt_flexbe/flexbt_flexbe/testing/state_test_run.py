@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_core.state_machine import DecisionKind, EventState, OperatableStateMachine, Severity
+from flexbt_core.values import shown
 from flexbt_flexbe import shim
 from flexbt_flexbe.api import Behavior
 from flexbt_flexbe.behaviors import without_harmless_faults
@@ -52,7 +53,7 @@ def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS)
         if key not in given:
             problems.append(f'it has not written {key!r}')
         elif given[key] != expected:
-            problems.append(f'{key!r} is {given[key]!r:.200}, not {expected!r:.200}')
+            problems.append(f'{key!r} is {shown(given[key])}, not {shown(expected)}')
     return problems
 
 
@@ -69,7 +70,7 @@ def _load(test: StateTest) -> type[Any]:
     except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
         raise StateTestError(f'{where} cannot be imported: {"".join(traceback.format_exception_only(error))}') from None
     if not (isinstance(found, type) and issubclass(found, EventState | Behavior)):
-        raise StateTestError(f'{where} is neither an EventState nor a Behavior, but {found!r:.80}')
+        raise StateTestError(f'{where} is neither an EventState nor a Behavior, but {shown(found)}')
     return found
 
 
@@ -96,7 +97,7 @@ def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableState
             raise StateTestError(f'the behavior has no parameter {name!r}')
     machine = behavior.create()
     if not isinstance(machine, OperatableStateMachine):
-        raise StateTestError(f'create() gave {machine!r:.80}, which is no state machine')
+        raise StateTestError(f'create() gave {shown(machine)}, which is no state machine')
     without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
     return machine
 

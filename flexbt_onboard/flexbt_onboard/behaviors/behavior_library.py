@@ -7,7 +7,6 @@ behaviors go on working.
 
 from __future__ import annotations
 
-import difflib
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,6 +14,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
+from flexbt_core.values import hint, shown
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
 from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, UnknownBehaviorError
@@ -139,10 +139,8 @@ class BehaviorLibrary:
         if not package and same:
             choices = ' or '.join(sorted(repr(entry.name) for entry in same))
             raise UnknownBehaviorError(f'several packages have a behavior {name!r}; say {choices}')
-        near = difflib.get_close_matches(name, self._entries, n=1)
-        hint = f'; did you mean {near[0]!r}?' if near else ''
-        known = ', '.join(self._entries) or 'none'
-        raise UnknownBehaviorError(f'no installed behavior is called {name!r}{hint} (installed: {known})')
+        near, known = hint(name, self._entries, ''), ', '.join(self._entries) or 'none'
+        raise UnknownBehaviorError(f'no installed behavior is called {name!r}{near} (installed: {known})')
 
 
 def load_entry(point: EntryPoint) -> BehaviorEntry:
@@ -151,7 +149,7 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
     try:
         loaded = point.load()
         if not (isinstance(loaded, type) and issubclass(loaded, Behavior)):
-            raise TypeError(f'{point.value} is {loaded!r:.80}, not a class derived from Behavior')
+            raise TypeError(f'{point.value} is {shown(loaded)}, not a class derived from Behavior')
         behavior = loaded()
         if loaded.create is Behavior.create:
             raise TypeError(f'{point.value} does not implement create()')

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from flexbt_common.values import from_entry
 from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine, Position, define
+from flexbt_core.values import shown
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, ManifestError, ParameterError
 
@@ -102,7 +103,7 @@ def definition_of(behavior: Behavior) -> MachineDefinition:
         return machine  # has been checked when it was made
     if not isinstance(machine, OperatableStateMachine):
         raise ParameterError(
-            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {machine!r:.60}'
+            f'create() has to return an OperatableStateMachine or a MachineDefinition, not {shown(machine)}'
         )
     return define(machine)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.values import shown
 
 from .run_goals import RunGoals
 
@@ -55,6 +56,6 @@ def state_services(state: EventState) -> StateServices:
     if not isinstance(services, StateServices):
         raise TypeError(
             f'{type(state).__name__} {state.path}: needs ROS; run its machine with StateServices as services, '
-            f'not {services!r:.60}'
+            f'not {shown(services)}'
         )
     return services

@@ -19,13 +19,13 @@ from __future__ import annotations
 
 import base64
 import json
-import reprlib
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.state_machine import Autonomy
+from flexbt_core.values import shown
 from flexbt_msgs.msg import CommandResult
 
 FORMAT: Final = 2
@@ -129,7 +129,7 @@ def _decode(raw: bytes) -> tuple[int, Line]:
 def _of_format(version: Any) -> str:
     if version is None:
         return 'it does not begin as a journal does'
-    return f'it is of format {reprlib.repr(version)}, and this version of FlexBT reads format {FORMAT} only'
+    return f'it is of format {shown(version)}, and this version of FlexBT reads format {FORMAT} only'
 
 
 def _is_of_format_1(raw: bytes) -> bool:
@@ -147,9 +147,9 @@ def _problem_of(content: Line) -> str:
     for name, value in content.items():
         check = _CHECKS.get(name)
         if check is None:
-            return f'has {name!r:.40}, which is not known'
+            return f'has {shown(name)}, which is not known'
         if not check(value):
-            return f'has a {name} that cannot be: {reprlib.repr(value)}'
+            return f'has a {name} that cannot be: {shown(value)}'
     if 'run' not in content and not content.keys().isdisjoint({'position', 'end'}):
         return 'does not say which run it is about'
     return ''

@@ -8,7 +8,6 @@ form is kept as the name of its type: reading it is an error that says what was 
 from __future__ import annotations
 
 import base64
-import reprlib
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from flexbt_common.values import message_type_name, resolve_type
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import shown
 
 _MARK: Final = '$'
 """An object with one key that begins with this is something else than a mapping with texts as keys."""
@@ -64,7 +64,7 @@ def from_plain_form(value: Any, depth: int = 0) -> Any:
         FlexbtError: it could not be written, or is nothing that :func:`to_plain_form` writes.
     """
     if depth > _MOST_DEPTH + 1:
-        raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here: it is in {depth} others')
+        raise FlexbtError(f'{shown(value)} is no value that was written here: it is in {depth} others')
 
     def inner(item: Any) -> Any:
         return from_plain_form(item, depth + 1)
@@ -90,10 +90,10 @@ def from_plain_form(value: Any, depth: int = 0) -> Any:
     except FlexbtError:
         raise
     except Exception as error:
-        raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here: {error}') from error
+        raise FlexbtError(f'{shown(value)} is no value that was written here: {error}') from error
     if mark == '$lost':
         raise FlexbtError(f'a value of type {content} could not be written')
-    raise FlexbtError(f'{reprlib.repr(value)} is no value that was written here')
+    raise FlexbtError(f'{shown(value)} is no value that was written here')
 
 
 def _lost(value: Any, on_lost: Callable[[str], object]) -> dict[str, str]:

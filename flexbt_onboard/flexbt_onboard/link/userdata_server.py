@@ -9,7 +9,8 @@ from typing import Any
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import Encoding, shown, to_entry
+from flexbt_common.values import Encoding, to_entry
+from flexbt_core.values import shown
 from flexbt_msgs.action import GetUserdata
 from flexbt_msgs.msg import BlackboardEntry, UserdataScope
 from flexbt_onboard.runs import RunSupervisor

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
+from flexbt_core.values import shown
 from flexbt_onboard.behaviors import BehaviorEntry, machine_entry
 from flexbt_onboard.errors import BehaviorError
 
@@ -27,7 +28,7 @@ def check_name(name: str) -> None:
     """Whether a machine may be called so. Raises BehaviorError."""
     if not _NAME.fullmatch(name) or name != name.strip():
         raise BehaviorError(
-            f'{name[:80]!r} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'
+            f'{shown(name)} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'
         )
 
 

@@ -18,6 +18,7 @@ from nav_msgs.msg import Path
 from flexbt_common.values import message_type_name, text_to_value
 from flexbt_core.behavior_tree import ConversionError, PortType
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import shown
 
 from .nav2_values import TrackingFeedback
 
@@ -36,11 +37,11 @@ def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | N
             except FlexbtError as error:
                 raise ConversionError(str(error)) from error
         if from_pieces is None:
-            raise ConversionError(f'{text[:40]!r} is not a {name}; write json:{{...}}, or use a blackboard key {{key}}')
+            raise ConversionError(f'{shown(text)} is not a {name}; write json:{{...}}, or use a blackboard key {{key}}')
         try:
             return from_pieces([piece.strip() for piece in text.split(';')])
         except ValueError as error:
-            raise ConversionError(f'{text[:60]!r} is not a {name}: {error}') from error
+            raise ConversionError(f'{shown(text)} is not a {name}: {error}') from error
 
     return PortType(name, message, 'object', from_text)
 
@@ -84,7 +85,7 @@ def _poses_from_text(text: str) -> list[PoseStamped]:
     try:
         return _poses(text.split(';')) if text else []
     except ValueError as error:
-        raise ConversionError(f'{text[:60]!r} is not a list of poses: {error}') from error
+        raise ConversionError(f'{shown(text)} is not a list of poses: {error}') from error
 
 
 POSE_STAMPED: Final = message_type(PoseStamped, _pose)

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.values import load_yaml
+from flexbt_core.values import load_yaml, shown
 from flexbt_sim.errors import DockError
 from flexbt_sim.world import Pose
 
@@ -93,4 +92,4 @@ def _pose(value: Any) -> Pose | None:
 
 
 def _unfit(file: Path, where: str, expected: str, value: object) -> DockError:
-    return DockError(file, where, f'expected {expected}, got {reprlib.repr(value)}')
+    return DockError(file, where, f'expected {expected}, got {shown(value)}')

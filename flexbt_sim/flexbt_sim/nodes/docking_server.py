@@ -19,8 +19,9 @@ from sensor_msgs.msg import BatteryState
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message, shown
+from flexbt_common.values import duration_message
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import shown
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Costmap, GridPlanner, PathFollower, Velocity

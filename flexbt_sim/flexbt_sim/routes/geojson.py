@@ -9,11 +9,11 @@ A node is a feature with a Point: ``id``, ``frame`` (of the coordinates; map whe
 from __future__ import annotations
 
 import json
-import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from flexbt_core.values import shown
 from flexbt_sim.errors import GraphError
 from flexbt_sim.world import FARTHEST
 
@@ -60,7 +60,7 @@ class _Feature:
         return GraphError(self.file, f'features[{self.index}].{field}', message)
 
     def unfit(self, field: str, expected: str, value: object) -> GraphError:
-        return self.error(field, f'expected {expected}, got {reprlib.repr(value)}')
+        return self.error(field, f'expected {expected}, got {shown(value)}')
 
 
 def _features(file: Path) -> Iterator[tuple[_Feature, str, Mapping[str, Any]]]:

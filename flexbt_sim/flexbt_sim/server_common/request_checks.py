@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from flexbt_common.values import shown
+from flexbt_core.values import shown
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.world import FARTHEST, Pose

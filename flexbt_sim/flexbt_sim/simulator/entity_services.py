@@ -38,8 +38,9 @@ from simulation_interfaces.srv import (
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.runtime import resolve_file
-from flexbt_common.values import check_limits, shown
+from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import shown
 from flexbt_sim.errors import SimulationError, WorldError
 from flexbt_sim.ros_messages import pose_message, pose_of
 from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, Station, WorldFile, Zone, box, compose, gap

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexbt_common import names
-from flexbt_common.values import check_limits, shown
+from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import YamlError, load_yaml
+from flexbt_core.values import YamlError, load_yaml, shown
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import check_fault

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from typing import Final
 
+from flexbt_core.values import shown
 from flexbt_sim.errors import SimulationError
 
 MAX_STATES: Final = 2_000
@@ -66,7 +67,7 @@ class NameFilter:
     # -- reading the expression: each part becomes two states, and the ways between them -----------------------------
 
     def _error(self, problem: str) -> SimulationError:
-        return SimulationError(f'{self._pattern[:100]!r} is no extended regular expression, at {self._at}: {problem}')
+        return SimulationError(f'{shown(self._pattern)} is no extended regular expression, at {self._at}: {problem}')
 
     def _state(self) -> int:
         if len(self._states) >= MAX_STATES:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy
 
+from flexbt_core.values import hint
 from flexbt_sim.errors import SimulationError
 
 from .descriptions import (
@@ -29,7 +30,6 @@ from .descriptions import (
     WorldFile,
     ZoneModel,
     fault_parameters,
-    hint,
 )
 from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
 from .robot import Robot, compose

@@ -231,7 +231,7 @@ def test_a_robot_comes_and_goes_with_its_topics(bench: Bench) -> None:
         ('<sdf/>', {}, SpawnEntity.Response.UNSUPPORTED_FORMAT, 'XML'),
         ('', {'uri': '/etc/passwd'}, SpawnEntity.Response.UNSUPPORTED_FORMAT, 'YAML'),
         ('', {'uri': '/etc/x.yaml'}, SpawnEntity.Response.NO_RESOURCE, 'package://'),
-        ('robots: {a: {model: bruger}}', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, "do you mean 'burger'"),
+        ('robots: {a: {model: bruger}}', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, "did you mean 'burger'"),
         ('robots: [', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, ':1:'),
         ('obstacles: {a: {pose: [1, 2, 0]}, b: {pose: [1, 3, 0]}}', {}, SpawnEntity.Response.RESOURCE_PARSE_ERROR, '2'),
         ('robots: {alpha: {}}', {}, SpawnEntity.Response.NAME_NOT_UNIQUE, 'alpha'),

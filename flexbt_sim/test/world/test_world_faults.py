@@ -190,7 +190,7 @@ def test_each_server_can_have_a_fault() -> None:
     ('entity', 'fault', 'parameters', 'times', 'message'),
     [
         ('beta', 'stuck_wheel', {}, (0.0, 0.0), "there is no 'beta'"),
-        ('alpha', 'stuck', {}, (0.0, 0.0), "do you mean 'stuck_wheel'"),
+        ('alpha', 'stuck', {}, (0.0, 0.0), "did you mean 'stuck_wheel'"),
         ('alpha', 'door_jammed', {}, (0.0, 0.0), "'alpha' is a robot; a door can have it"),
         ('alpha', 'stuck_wheel', {'wheel': 'left'}, (0.0, 0.0), 'wheel: there is no such key'),
         ('alpha', 'battery_low', {'level': 2.0}, (0.0, 0.0), 'level: 2 is not within 0 to 1'),

@@ -78,14 +78,14 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('old', 'new', 'at', 'message'),
     [
-        ('seed: 3', 'sed: 3', 'sed', "sed: there is no such key; do you mean 'seed'?"),
+        ('seed: 3', 'sed: 3', 'sed', "sed: there is no such key; did you mean 'seed'?"),
         ('beams: 180', 'beams: 0', 'beams', 'robots.alpha.lidar.beams: 0 is not within 1 to 100000'),
-        ('beams: 180', 'beam: 180', 'beam:', "robots.alpha.lidar.beam: there is no such key; do you mean 'beams'?"),
+        ('beams: 180', 'beam: 180', 'beam:', "robots.alpha.lidar.beam: there is no such key; did you mean 'beams'?"),
         (
             '{model: burger',
             '{model: berger',
             'model: berger',
-            "there is no model 'berger' before this; do you mean 'burger'?",
+            "there is no model 'berger' before this; did you mean 'burger'?",
         ),
         (
             '{model: burger',

@@ -107,4 +107,4 @@ def test_the_command_checks_draws_and_runs(tmp_path: Path, capsys: pytest.Captur
     assert 'robots: alpha' in capsys.readouterr().err
     file.write_text('sede: 3')
     assert main(['check', str(file)]) == 1
-    assert capsys.readouterr().err == f"{file}:1:1: sede: there is no such key; do you mean 'seed'?\n"
+    assert capsys.readouterr().err == f"{file}:1:1: sede: there is no such key; did you mean 'seed'?\n"

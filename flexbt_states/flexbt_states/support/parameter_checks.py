@@ -15,6 +15,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from flexbt_common.errors import ResourceError, UnknownTypeError
 from flexbt_common.runtime import resolve_file
 from flexbt_common.values import resolve_type
+from flexbt_core.values import shown
 from flexbt_states.errors import StateParameterError
 
 
@@ -115,5 +116,5 @@ def checked_callable(state: object, parameter: str, function: Any) -> Callable[.
     """A function; text is not evaluated."""
     if not callable(function):
         hint = '; text is not evaluated, write a lambda' if isinstance(function, str) else ''
-        raise StateParameterError(state, parameter, f'{function!r:.80} cannot be called{hint}')
+        raise StateParameterError(state, parameter, f'{shown(function)} cannot be called{hint}')
     return function

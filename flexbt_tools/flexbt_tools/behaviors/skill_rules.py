@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_core.skills import LEVELS, Skill, SkillLibrary
 from flexbt_core.state_machine import MachineDefinition, StateDefinition, StateKind, state_skill
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 from flexbt_tools.tree_checks import SHARED_RESOURCE, tree_resources
 
 from .findings import SKILL, Finding
@@ -82,15 +82,15 @@ def _outcomes(node: StateDefinition, skill: Skill) -> Iterator[Finding]:
     for name, outcome in skill.outcomes.items():
         if name not in node.outcomes:
             known = hint(name, node.outcomes)
-            message = f'its skill speaks of the outcome {name!r:.80}, which the state does not have{known}'
+            message = f'its skill speaks of the outcome {shown(name)}, which the state does not have{known}'
             yield Finding(SKILL, node.path, message)
         elif outcome.kind is None and (skill.preconditions or any(one.effects for one in skill.outcomes.values())):
-            message = f'its skill does not say what the outcome {name!r:.80} means; give it a class, such as failed'
+            message = f'its skill does not say what the outcome {shown(name)} means; give it a class, such as failed'
             yield Finding(SKILL, node.path, message)
         elif outcome.autonomy is not None and name in node.transitions:
             given = node.transitions[name].autonomy
             if given < outcome.autonomy:
-                shown = f'level {LEVELS[given]}' if given >= 0 else 'no level'
+                level = f'level {LEVELS[given]}' if given >= 0 else 'no level'
                 wanted = f'its skill requires autonomy {LEVELS[outcome.autonomy]} for {name!r}'
-                message = f'{wanted}; the transition has {shown}'
+                message = f'{wanted}; the transition has {level}'
                 yield Finding(SKILL, node.path, message)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from flexbt_common.runtime import resolve_file
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model import similar_names
 from flexbt_core.state_machine import MachineDefinition, StateDefinition
+from flexbt_core.values import hint
 from flexbt_states.behavior_trees import BtUse, UsesBtServer
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.tree_checks import Diagnostic
@@ -110,9 +110,8 @@ def _key(use: BtUse, library: TreeLibrary, mains: Mapping[str, str]) -> TreeKey 
 
 def _no_tree(path: str, tree: str, library: TreeLibrary) -> Finding:
     known = library.tree_ids()
-    near = similar_names(tree, known)
     if tree.endswith(_SUFFIX):
         return Finding(NO_TREE, path, f'{tree} has several trees and does not say which is the main one')
-    hint = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(known) or "none"}'
-    message = f'no tree {tree!r} in the files that the behavior loads; {hint}; name files of the server by --trees'
+    remedy = hint(tree, known, f'; known: {", ".join(known) or "none"}')
+    message = f'no tree {tree!r} in the files that the behavior loads{remedy}; name files of the server by --trees'
     return Finding(NO_TREE, path, message)

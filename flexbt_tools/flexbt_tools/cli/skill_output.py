@@ -7,7 +7,7 @@ import argparse
 import json
 
 from flexbt_core.skills import SkillLibrary, skill_entry, write_skills
-from flexbt_core.values import hint, lines
+from flexbt_core.values import hint, lines, shown
 from flexbt_tools.errors import UsageError
 from flexbt_tools.skills import skill_lines
 
@@ -27,7 +27,7 @@ def chosen(library: SkillLibrary, options: argparse.Namespace) -> SkillLibrary:
     """The library with the skills that are meant. Raises UsageError."""
     for name in options.skill:
         if name not in library.skills:
-            raise UsageError(f'there is no skill {name!r:.80}{hint(name, library.skills)}')
+            raise UsageError(f'there is no skill {shown(name)}{hint(name, library.skills)}')
     skills = {name: one for name, one in library.skills.items() if not options.skill or name in options.skill}
     return SkillLibrary(skills, library.predicates, library.types, library.objects)
 

@@ -18,7 +18,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -29,7 +28,7 @@ from typing import Any, Final
 import yaml
 
 from flexbt_core.behavior_tree import LoadError, NodeStatus
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml, load_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml, excerpt, hint, load_yaml, shown
 from flexbt_tools.errors import RefusedError, UsageError
 
 REAL: Final = 'real'
@@ -115,13 +114,12 @@ def _value_of_word(word: str, text: str) -> Any:
     try:
         return load_yaml(text, aliases=True)
     except YamlError as error:
-        raise UsageError(f'--set {word:.200}: {error.reason}') from error
+        raise UsageError(f'--set {excerpt(word)}: {error.reason}') from error
 
 
 def _no_status(name: object) -> str:
-    similar = difflib.get_close_matches(str(name).upper(), _STATUSES, n=1)
-    hint = f'did you mean {similar[0]}?' if similar else f'expected one of {", ".join(_STATUSES)}'
-    return f'{name!r} is no status; {hint}'
+    remedy = hint(str(name).upper(), _STATUSES, f'; expected one of {", ".join(_STATUSES)}')
+    return f'{shown(name)} is no status{remedy}'
 
 
 class _Reader:

@@ -24,7 +24,8 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_core.behavior_tree.engine import LeafNode
-from flexbt_core.behavior_tree.model import FAILURE, NO_DEFAULT, RUNNING, SKIPPED, SUCCESS, is_fixed, similar_names
+from flexbt_core.behavior_tree.model import FAILURE, NO_DEFAULT, RUNNING, SKIPPED, SUCCESS, is_fixed
+from flexbt_core.values import hint
 from flexbt_tools.trees import UNKNOWN_PORT, is_stand_in
 
 from .mock_plan import PASS, REAL, MockPlan, Rule, Step
@@ -162,9 +163,8 @@ class Mocking:
     def _meaningless_rules(self) -> Iterator[LoadError]:
         for rule in self._plan.rules:
             if not rule.is_wildcard and rule.pattern not in self._names:
-                similar = similar_names(rule.pattern, sorted(self._names))
-                hint = f'did you mean {similar[0]!r}?' if similar else 'give the type, the name or the path of a leaf'
-                yield replace(rule.place, message=f'the mock {rule.pattern!r} means no node of this tree; {hint}')
+                remedy = hint(rule.pattern, sorted(self._names), '; give the type, the name or the path of a leaf')
+                yield replace(rule.place, message=f'the mock {rule.pattern!r} means no node of this tree{remedy}')
 
     def _rule(self, node: NodeDefinition, path: str) -> Rule | None:
         type = node.tree_id or node.manifest.id

@@ -10,6 +10,7 @@ from typing import Final
 from flexbt_core.behavior_tree import LoadError
 from flexbt_core.planning import Mission, PlanningError, read_mission
 from flexbt_core.skills import SkillLibrary
+from flexbt_core.values import excerpt
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.text_files import read_text
 
@@ -36,7 +37,9 @@ def mission_skills(file: str, mission: Mission, base: SkillLibrary) -> SkillLibr
     missing = [str(one) for one in beside if not one.exists()]
     if missing:
         line = mission.lines['skills']
-        raise RefusedError(LoadError(file, line, 1, '', f'skills: there is no file {one!r:.300}') for one in missing)
+        raise RefusedError(
+            LoadError(file, line, 1, '', f'skills: there is no file {excerpt(one, 300)!r}') for one in missing
+        )
     return read_skill_files([str(one) for one in beside], base)
 
 

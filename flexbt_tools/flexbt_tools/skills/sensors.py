@@ -8,7 +8,7 @@ from string import Template
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.skills import ConditionSensor, SkillLibrary
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
 
 def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
@@ -27,7 +27,7 @@ def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegis
             yield from _unknown_ports(sensor.id, sensor.ports, registry, f'sensor of predicate {predicate.name}')
             if sensor.id not in registry and sensor.id not in library.skills:
                 near = hint(sensor.id, conditions)
-                yield f'sensor of predicate {predicate.name}: there is no leaf {sensor.id!r:.80}{near}'
+                yield f'sensor of predicate {predicate.name}: there is no leaf {shown(sensor.id)}{near}'
     for skill in library.skills.values():
         if skill != base.skills.get(skill.name):
             yield from _unknown_ports(skill.name, skill.arguments, registry, f'arguments of skill {skill.name}')
@@ -55,4 +55,4 @@ def _unknown_ports(id: str, ports: Iterable[str], registry: NodeRegistry, what: 
     if manifest is not None:
         for name in ports:
             if name not in manifest.ports:
-                yield f'{what}: {id} has no port {name!r:.80}{hint(name, manifest.ports)}'
+                yield f'{what}: {id} has no port {shown(name)}{hint(name, manifest.ports)}'

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Step, said_answers, said_state, said_world
 from flexbt_core.synthesis.inputs import Problem
+from flexbt_core.values import shown
 
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
@@ -71,4 +72,4 @@ def step_through(play: CounterPlay, problem: Problem, ask: Callable[[str], str],
             if word.isascii() and word.isdigit() and len(word) < 5 and 1 <= int(word) <= len(play.answers):
                 play.answer(int(word) - 1)
                 break
-            tell(f'  there is no answer {word[:40]!r}')
+            tell(f'  there is no answer {shown(word)}')

@@ -27,7 +27,7 @@ from flexbt_core.state_machine import MachineError, read_machine
 from flexbt_core.synthesis import SynthesisError, SynthesisTimeout, synthesize
 from flexbt_core.synthesis.inputs import Liveness, Options, Request
 from flexbt_core.synthesis.machines import SynthesizedMachine, machine_as_yaml, state_instantiations
-from flexbt_core.values import hint, one_line
+from flexbt_core.values import excerpt, hint, one_line
 from flexbt_onboard.behaviors import state_modules, states_of
 from flexbt_onboard.errors import BrokenBehaviorError
 from flexbt_tools.errors import UsageError
@@ -149,7 +149,7 @@ def _file(name: str, directories: Sequence[Path]) -> Path:
     if not _SYSTEM.fullmatch(name) or name not in known:
         among = f'{hint(name, known)}; there are {", ".join(known)}' if known else ''
         raise ResourceError(
-            f'{name[:80]}',
+            excerpt(name),
             f'no system in the capability_directories of the executive{among}; or name a file as package/path.yaml',
         )
     return known[name]

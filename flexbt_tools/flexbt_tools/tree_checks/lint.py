@@ -16,8 +16,9 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     TreeLoadError,
 )
-from flexbt_core.behavior_tree.model import STRING, is_fixed, similar_names
+from flexbt_core.behavior_tree.model import STRING, is_fixed
 from flexbt_core.skills import SkillLibrary
+from flexbt_core.values import similar_names
 from flexbt_tools.trees import (
     EntryUsage,
     KeyUsage,

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from flexbt_core.behavior_tree import NodeDefinition, NodeRegistry, TreeDefinition, TreeLibrary, node_skills
 from flexbt_core.planning import Measurement, Mission, PlanningError, hopeless, skill_problem
 from flexbt_core.skills import SkillError, SkillLibrary
+from flexbt_core.values import shown
 from flexbt_tools.errors import RefusedError, ToolError
 from flexbt_tools.skills import mission_problems, mission_skills, read_mission_file
 from flexbt_tools.trees import find_resource
@@ -62,7 +63,7 @@ def _of_leaf(
         yield from (found(one, 'goal') for one in words)
         return
     if why:
-        yield found(f'the goal {goal!r:.200} of {name} cannot be reached: {why}', 'goal' if given else 'mission')
+        yield found(f'the goal {shown(goal)} of {name} cannot be reached: {why}', 'goal' if given else 'mission')
 
 
 def _constant(node: NodeDefinition, port: str) -> str | None:

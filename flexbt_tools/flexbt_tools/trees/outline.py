@@ -9,8 +9,7 @@ from typing import Final
 
 from flexbt_common.pictures import DrawnNode, NodeShape
 from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, TreeDefinition, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model import similar_names
-from flexbt_core.values import one_line
+from flexbt_core.values import hint, one_line, shown
 from flexbt_tools.errors import UsageError
 
 from .stand_ins import UNKNOWN_PORT
@@ -109,7 +108,6 @@ def find_tree(library: TreeLibrary, id: str) -> TreeKey:
     key = library.find(id)
     if key is None:
         known = library.tree_ids()
-        similar = similar_names(id, known)
-        hint = f'did you mean {similar[0]!r}?' if similar else f'there are: {", ".join(known)}'
-        raise UsageError(f'there is no tree {id!r}; {hint}')
+        remedy = hint(id, known, f'; there are: {", ".join(known)}')
+        raise UsageError(f'there is no tree {shown(id)}{remedy}')
     return key

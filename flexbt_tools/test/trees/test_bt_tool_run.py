@@ -207,7 +207,7 @@ def test_the_blackboard_has_the_types_of_the_ports() -> None:
 
 # (file of mocks with a ^ at the place of each error, the errors)
 WRONG_PLANS: list[tuple[str, list[str]]] = [
-    ('mocks: {Drive: ^SUCESS}', ["'SUCESS' is no status; did you mean SUCCESS?"]),
+    ('mocks: {Drive: ^SUCESS}', ["'SUCESS' is no status; did you mean 'SUCCESS'?"]),
     ('mocks: {Drive: ^IDLE}', ["'IDLE' is no status; expected one of RUNNING, SUCCESS, FAILURE, SKIPPED"]),
     ('mocks:\n  Drive: ^[]', ["'Drive' has no step; write a status, or a list of them"]),
     ('mocks: {Drive: ^{after: 1}}', ["a step of 'Drive' does not say what it gives: gives: SUCCESS"]),

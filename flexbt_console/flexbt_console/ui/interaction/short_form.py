@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import shlex
 from dataclasses import dataclass
 from enum import Enum
@@ -25,6 +24,7 @@ from flexbt_console.commands import (
 )
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import Command, CommandKind, Decision, DecisionKind, View
+from flexbt_core.values import hint, shown
 
 CHANGED = 'the decision changed while you were typing; nothing was sent. Look at it, and answer again'
 
@@ -176,8 +176,8 @@ def _require_live(view: View) -> None:
 
 
 def _no_command(word: str) -> str:
-    near = difflib.get_close_matches(word.lower(), [spec.name for spec in COMMANDS if spec.in_prompt], n=1)
-    return f'there is no command {word!r}; ' + (f'did you mean {near[0]!r}?' if near else '"help" lists them')
+    known = [spec.name for spec in COMMANDS if spec.in_prompt]
+    return f'there is no command {shown(word)}' + hint(word.lower(), known, '; "help" lists them')
 
 
 def _words(text: str) -> list[str]:

@@ -16,6 +16,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
 from flexbt_console.errors import UsageError
+from flexbt_core.values import shown
 
 CLOSED_HEADERS: Final = {
     'X-Content-Type-Options': 'nosniff',
@@ -85,7 +86,7 @@ def guard(access: Access) -> Middleware:
     @web.middleware
     async def check(request: web.Request, handler: Handler) -> web.StreamResponse:
         if not access.knows_host(request.host):
-            raise web.HTTPMisdirectedRequest(text=f'this server is not called {request.host[:100]!r}')
+            raise web.HTTPMisdirectedRequest(text=f'this server is not called {shown(request.host)}')
         if not access.knows_origin(request.headers.get('Origin'), request.host):
             raise web.HTTPForbidden(text='a page of another site may not use this server')
         return await handler(request)

@@ -11,7 +11,6 @@ and callbacks is wrapped around it. The rules that every ``execute`` keeps:
 
 from __future__ import annotations
 
-import reprlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -39,6 +38,7 @@ from flexbt_core.behavior_tree.model import (
     cast,
 )
 from flexbt_core.clock import Clock
+from flexbt_core.values import shown
 
 from .context import Tick, TreeContext
 
@@ -370,7 +370,7 @@ class TreeNode(ABC):
         if status is IDLE:
             raise self.fault('a tick must not return IDLE')
         if not isinstance(status, NodeStatus):
-            raise self.fault(f'a tick has to return a NodeStatus, not {reprlib.repr(status)}')
+            raise self.fault(f'a tick has to return a NodeStatus, not {shown(status)}')
         return status
 
 

@@ -18,10 +18,10 @@ from flexbt_core.behavior_tree.model import (
     model_name_problem,
     pointer_key,
     port_name_problem,
-    similar_names,
 )
 from flexbt_core.behavior_tree.script import ScriptLibrary
 from flexbt_core.skills import Skill
+from flexbt_core.values import shown, similar_names
 
 from .control import ControlNode
 from .decorator import DecoratorNode
@@ -166,7 +166,7 @@ def _skill_problem(node_class: type[TreeNode]) -> str:
         return ''  # the attribute of somebody's class may be something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
-            return f"'{name:.80}' is no outcome of a leaf; it ends by SUCCESS or FAILURE"
+            return f'{shown(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
     return next((f'{" ".join(at)}: {problem}' for at, problem in node_class.skill.problems()), '')
 
 

@@ -36,7 +36,6 @@ from .names import (
     RESERVED_ATTRIBUTES,
     model_name_problem,
     port_name_problem,
-    similar_names,
     tree_name_problem,
 )
 from .outcomes import Choice, Exchanged, InOrder, OneOf, Outcomes, Possible, Recovered, Repeated, Results, TimeLimit
@@ -159,7 +158,6 @@ __all__ = [
     'port_name_problem',
     'separated',
     'show_blackboard',
-    'similar_names',
     'trace_error',
     'trace_failure',
     'tree_name_problem',

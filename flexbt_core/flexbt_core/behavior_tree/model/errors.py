@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from flexbt_core.values import excerpt
+
 from .failure_trace import FailureStep, FailureTrace
 
 
@@ -98,8 +100,7 @@ class ScriptError(BehaviorTreeError):
         line = before.count('\n') + 1
         column = offset - (before.rfind('\n') + 1) + 1
         where = f'line {line}, column {column}' if '\n' in script else f'column {column}'
-        shown = script if len(script) <= 200 else f'{script[:100]} ... {script[-80:]}'
-        super().__init__(f'{reason} ({where} of the script [{shown}])')
+        super().__init__(f'{reason} ({where} of the script [{excerpt(script, 200)}])')
 
 
 class NodeExecutionError(BehaviorTreeError):

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What nodes, trees and ports may be called, and which name may have been meant."""
+"""What nodes, trees and ports may be called."""
 
 from __future__ import annotations
 
-import difflib
 import functools
-from collections.abc import Iterable
 from typing import Final
 
 # Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
@@ -52,9 +50,3 @@ def _forbidden_character(name: str, allowed: str = '') -> str:
         ):
             return f"name '{name}' contains the character {character!r}, which is not allowed there"
     return ''
-
-
-def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """The known names that ``name`` may be a slip of, best first."""
-    # The comparison takes quadratic time, and hostile files have long names.
-    return difflib.get_close_matches(name, known, n=most, cutoff=0.65) if len(name) <= 100 else []

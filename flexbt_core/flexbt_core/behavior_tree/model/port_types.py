@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeGuard
 
+from flexbt_core.values import shown
+
 from .errors import ConversionError
 from .status import NodeStatus
 
@@ -55,7 +57,7 @@ class PortType:
         try:
             return self.from_text(text)
         except (ValueError, TypeError, ArithmeticError, LookupError) as error:
-            raise ConversionError(f"can't convert text '{text[:40]}' to {self.name}: {error}") from error
+            raise ConversionError(f"can't convert text {shown(text)} to {self.name}: {error}") from error
 
     def same(self, other: PortType) -> bool:
         """Whether both are one type: equal names, or objects of the same Python class."""
@@ -82,7 +84,7 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
         digits = match.group(2) if match is not None else ''
         # 20 digits hold every 64-bit integer; int() refuses, or takes long for, very many of them.
         if match is None or len(digits) > 20:
-            raise ConversionError(f"can't convert text '{text[:40]}' to {name}")
+            raise ConversionError(f"can't convert text {shown(text)} to {name}")
         value = int(digits or '0')
         return _bounded(-value if match.group(1) else value, name, minimum, maximum)
 
@@ -101,7 +103,7 @@ def real_from_text(text: str) -> float:
     """The longest prefix of ``text`` that is a decimal number; ``inf`` and ``nan`` are numbers."""
     match = _REAL_PREFIX.match(text)
     if match is None:
-        raise ConversionError(f"can't convert text '{text[:40]}' to double")
+        raise ConversionError(f"can't convert text {shown(text)} to double")
     return decimal(match.group())
 
 
@@ -119,7 +121,7 @@ def bool_from_text(text: str) -> bool:
         return _BOOLEANS[text]
     except KeyError:
         accepted = ' '.join(_BOOLEANS)
-        raise ConversionError(f"can't convert text '{text[:40]}' to bool; write one of {accepted}") from None
+        raise ConversionError(f"can't convert text {shown(text)} to bool; write one of {accepted}") from None
 
 
 STRING = PortType('std::string', str, 'text', str, immutable=True)
@@ -140,7 +142,7 @@ def _status_from_text(text: str) -> NodeStatus:
     try:
         return NodeStatus[text]
     except KeyError:
-        raise ConversionError(f"'{text[:40]}' is no status; write one of {' '.join(NodeStatus.__members__)}") from None
+        raise ConversionError(f'{shown(text)} is no status; write one of {" ".join(NodeStatus.__members__)}') from None
 
 
 def _key_from_text(text: str) -> str:

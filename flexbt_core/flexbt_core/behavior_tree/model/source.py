@@ -6,6 +6,8 @@ from __future__ import annotations
 import bisect
 import re
 
+from flexbt_core.values import excerpt
+
 from .errors import LoadError
 
 
@@ -27,9 +29,4 @@ class Source:
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
         """An error at this offset. ``node`` is the element, as it is named to users."""
         line, column = self.position(offset)
-        return LoadError(self.file, line, column, _short(node), _short(message))
-
-
-def _short(text: str) -> str:
-    """The text of an error, even when a hostile file puts a megabyte into a name."""
-    return text if len(text) <= 500 else f'{text[:240]} ... {text[-240:]}'
+        return LoadError(self.file, line, column, excerpt(node, 200), excerpt(message, 500))

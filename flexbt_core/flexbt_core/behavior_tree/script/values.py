@@ -26,6 +26,7 @@ from flexbt_core.behavior_tree.model import (
     cast,
     fits,
 )
+from flexbt_core.values import shown
 
 MAX_TEXT: Final = 100_000
 """Characters of a text that an operator makes. A loop could double a text until there is no memory left."""
@@ -50,7 +51,7 @@ def kind_of(value: Value) -> str:
     if value is EMPTY:
         return 'an entry that was never written'
     if isinstance(value, str):
-        return f"the text '{value[:40]}'"
+        return f'the text {shown(value)}'
     if isinstance(value, int | float):
         return f'the number {value}'
     return f'a value of type {type(value).__name__}'

@@ -28,10 +28,10 @@ from flexbt_core.behavior_tree.model import (
     is_fixed,
     pointer_key,
     port_name_problem,
-    similar_names,
     tree_name_problem,
 )
 from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
+from flexbt_core.values import similar_names
 
 from .parser import Element, value_offset
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
+from flexbt_core.values import shown
+
 from .model import Action, Condition, PlanningError
 
 
@@ -24,7 +26,7 @@ def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> t
         initial = _literals(json.loads(scene)['initial'])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise PlanningError(
-            f'{source}: no scene of BTPG: expected JSON with a list "initial" ({error!r:.200})'
+            f'{source}: no scene of BTPG: expected JSON with a list "initial" ({shown(error)})'
         ) from None
     found = []
     for number, line in enumerate(actions, 1):
@@ -36,12 +38,12 @@ def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> t
             )
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise PlanningError(
-                f'{source}, action {number}: expected JSON with name, pre, add, del and cost ({error!r:.200})'
+                f'{source}, action {number}: expected JSON with name, pre, add, del and cost ({shown(error)})'
             ) from None
     return tuple(found), initial
 
 
 def _literals(entry: object) -> Condition:
     if not isinstance(entry, list) or not all(isinstance(one, str) for one in entry):
-        raise TypeError(f'{entry!r:.80} is no list of literals')
+        raise TypeError(f'{shown(entry)} is no list of literals')
     return frozenset(entry)

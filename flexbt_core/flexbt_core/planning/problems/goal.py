@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
+from flexbt_core.values import shown
+
 from .model import Condition, PlanningError
 
 Alternatives = tuple[tuple[str, ...], ...]
@@ -84,7 +86,7 @@ class _Reader:
         if token.kind == 'OPEN':
             raise self._error(token.place, "& or | is missing before '(', or what stands in it are no arguments")
         if token.kind != 'END':
-            raise self._error(token.place, f"& or | is missing before '{token.text:.80}'")
+            raise self._error(token.place, f'& or | is missing before {shown(token.text)}')
         return found
 
     def _any(self, *, negated: bool) -> Alternatives:
@@ -152,7 +154,7 @@ class _Reader:
         return tuple(one for key, one in written.items() if key in kept)
 
     def _error(self, place: int, what: str) -> PlanningError:
-        return PlanningError(f'goal {self._text!r:.200}, character {place}: {what}')
+        return PlanningError(f'goal {shown(self._text)}, character {place}: {what}')
 
 
 def _opposite(literal: str) -> str:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import yaml
 
 from flexbt_core.skills import SkillError, parse_literal
-from flexbt_core.values import YamlParts, line_of
+from flexbt_core.values import YamlParts, excerpt, line_of
 
 from .model import PlanningError
 
@@ -66,7 +66,7 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
         literals(entries['start'], 'start') if 'start' in entries else (),
         parts.name(entries['goal'], 'the goal', 'a text such as on(cup, table)') if 'goal' in entries else '',
         tuple(literals(one, 'a disturbance') for one in disturbances),
-        {name: tuple(parts.names(node, f'robot {name:.80}')) for name, node in robots.items()},
+        {name: tuple(parts.names(node, f'robot {excerpt(name)}')) for name, node in robots.items()},
         {name: line_of(node) for name, node in entries.items()},
     )
     if parts.problems:

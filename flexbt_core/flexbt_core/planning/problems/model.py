@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
 Condition = frozenset[str]
 """Literals that are true at once."""
@@ -90,7 +90,7 @@ class Domain:
         literals = set(condition)
         for literal in sorted(literals):
             if literal not in self._index:
-                raise PlanningError(f'{literal!r:.80}: no action needs or changes it{hint(literal, self._index)}')
+                raise PlanningError(f'{shown(literal)}: no action needs or changes it{hint(literal, self._index)}')
         return sum(1 << self._index[literal] for literal in literals)
 
     def condition(self, mask: int) -> Condition:

@@ -9,7 +9,7 @@ from typing import Final
 
 from flexbt_core.planning.problems import Action, Leaf, PlanningError, Problem, grounded_problem
 from flexbt_core.skills import ANYTHING, SkillError, SkillLibrary, parse_literal
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
 _ROBOT: Final = 'robot'
 """The parameter of a skill for who does it, and the type of robots."""
@@ -61,7 +61,7 @@ def team_problem(
         _check_name(robot)
         for skill in skills:
             if skill not in library.skills:
-                raise PlanningError(f'robots: {robot}: there is no skill {skill!r:.80}{hint(skill, library.skills)}')
+                raise PlanningError(f'robots: {robot}: there is no skill {shown(skill)}{hint(skill, library.skills)}')
     objects = {**dict.fromkeys(robots, _ROBOT), **library.objects}
     had = {skill for skills in robots.values() for skill in skills}
     library = SkillLibrary.of(
@@ -99,7 +99,7 @@ def _check_name(robot: str) -> None:
     except SkillError:
         named = False
     if not named:
-        raise PlanningError(f'robots: {robot!r:.80} cannot name a robot: letters, digits and _.:/@-')
+        raise PlanningError(f'robots: {shown(robot)} cannot name a robot: letters, digits and _.:/@-')
 
 
 def staffed(team: Team) -> Problem:

@@ -9,6 +9,7 @@ from typing import Final
 from xml.etree import ElementTree
 
 from flexbt_core.planning.problems import Domain, Leaf, PlanningError, Problem, bits
+from flexbt_core.values import shown
 
 from .coverage import Coverage
 
@@ -84,7 +85,7 @@ class LeafWriter:
         for word in (leaf.type, *leaf.ports):
             if not _NAME.fullmatch(word):
                 raise PlanningError(
-                    f'{name}: {word!r:.80} cannot be a type or port of a leaf; call it by letters, digits, _ and -'
+                    f'{name}: {shown(word)} cannot be a type or port of a leaf; call it by letters, digits, _ and -'
                 )
         if leaf.type not in _BUILTIN:
             self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)

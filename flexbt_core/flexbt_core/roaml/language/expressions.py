@@ -15,6 +15,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
+from flexbt_core.values import excerpt
+
 from .values import Record, element, length, member
 
 MAX_LENGTH: Final = 20_000
@@ -115,8 +117,7 @@ class _Parser:
         return found
 
     def _error(self, what: str, position: int) -> ExpressionError:
-        text = self._text if len(self._text) <= 120 else f'{self._text[:60]} ... {self._text[-50:]}'
-        return ExpressionError(f'{what} at character {position + 1} of the expression [{text.strip()}]')
+        return ExpressionError(f'{what} at character {position + 1} of the expression [{excerpt(self._text.strip())}]')
 
     def _peek(self) -> str:
         """The sign that comes next; '' for anything else."""

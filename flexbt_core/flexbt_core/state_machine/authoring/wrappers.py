@@ -19,6 +19,7 @@ from flexbt_core.state_machine.model import (
     StateHost,
     UserData,
 )
+from flexbt_core.values import shown
 
 TIMEOUT: Final = 'timeout'
 
@@ -55,7 +56,7 @@ class StateWrapper(EventState):
     def __init__(self, inner: EventState, extra_outcomes: Collection[str] = ()) -> None:
         given: Any = inner
         if not isinstance(given, EventState):
-            raise StateError(f'only a state can have a time-out or further attempts, not {given!r:.60}')
+            raise StateError(f'only a state can have a time-out or further attempts, not {shown(given)}')
         self.inner = inner
         super().__init__(
             (*inner.outcomes, *extra_outcomes), inner.input_keys, inner.output_keys, desired_rate=inner.desired_rate

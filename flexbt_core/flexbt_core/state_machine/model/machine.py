@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from flexbt_core.values import shown
+
 from .definition import Condition, StateKind
 from .errors import StateMachineError
 from .event_state import EventState
@@ -67,7 +69,7 @@ class Machine:
         given: Any = child.state
         if not isinstance(given, EventState | Machine):
             raise StateMachineError(
-                f"cannot add '{child.label}': {given!r:.80} is neither a state object nor a machine"
+                f"cannot add '{child.label}': {shown(given)} is neither a state object nor a machine"
             )
         own = dict(child.transitions), dict(child.autonomy), dict(child.remapping)
         self.children.append(Child(child.label, child.state, *own))

@@ -14,6 +14,8 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
+from flexbt_core.values import shown
+
 from .errors import UserDataError
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
@@ -151,7 +153,7 @@ class UserData:
         return sum(1 for _ in self)
 
     def __repr__(self) -> str:
-        return f'UserData({", ".join(f"{key}={self[key]!r:.40}" for key in self)})'
+        return f'UserData({", ".join(f"{key}={shown(self[key])}" for key in self)})'
 
 
 class DefaultUserData:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from flexbt_core.state_machine.model import StateMachineError
+from flexbt_core.values import shown
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Position:
             raise StateMachineError(f'this is no position of a run: missing or left over: {wrong}')
         for name, value in plain.items():
             if not _CHECKS[name](value):
-                raise StateMachineError(f'this is no position of a run: {name} cannot be {value!r:.80}')
+                raise StateMachineError(f'this is no position of a run: {name} cannot be {shown(value)}')
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
         }

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Final
 
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
 from .formula import FALSE, TRUE, Compare, Formula, Join, Name, Not, Number, Sum, Term
 
@@ -167,14 +167,14 @@ class _Parser:
         if not (token[:1].isalpha() or token[:1] == '_'):
             raise self._error(self._missing(token))
         if token not in self._variables:
-            raise self._error(f"there is no variable '{token:.80}'{hint(token[:80], list(self._names))}")
+            raise self._error(f'there is no variable {shown(token)}{hint(token, list(self._names))}')
         self._at += 1
         return Name(token, self._taken("'") or self._primed)
 
     def _check_label(self, variable: str, known: Collection[str]) -> None:
         value = self._peek()
         if _WORD.fullmatch(value) and value not in self._variables:
-            raise self._error(f"'{variable}' has no value '{value:.80}'{hint(value[:80], known)}")
+            raise self._error(f"'{variable}' has no value {shown(value)}{hint(value, known)}")
 
     def _missing(self, instead: str) -> str:
         """Why there is no term: ``instead`` is there instead."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_core.synthesis.errors import SynthesisError
+from flexbt_core.values import excerpt
 
 from .encoding import Diagram
 from .formula import Name, Valuation
@@ -164,7 +165,10 @@ class _Extraction:
         for number, member in enumerate(self._encoding.members(names, of)):
             if number == MAX_MOVES:
                 raise SynthesisError(
-                    [f'{where:.200} the world has more than {MAX_MOVES} moves: say in ENV_TRANS what inputs depend on']
+                    [
+                        f'{excerpt(where)} the world has more than {MAX_MOVES} moves: '
+                        'say in ENV_TRANS what inputs depend on'
+                    ]
                 )
             yield member
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import yaml
 
-from flexbt_core.values import line_of
+from flexbt_core.values import excerpt, line_of, shown
 
 from .yaml_nodes import Entry, YamlFile
 
@@ -130,7 +130,7 @@ def _mappings(file: YamlFile, entries: Mapping[str, yaml.Node]) -> Mappings:
     outcomes = file.words(entries.get('transition_outcomes'), 'transition_outcomes')
     for outcome in outcomes:
         if not _NAME.fullmatch(outcome.text):
-            file.note(outcome.line, f"'{outcome.text:.40}' is no name of an outcome")
+            file.note(outcome.line, f'{shown(outcome.text)} is no name of an outcome')
     return Mappings(
         pairs('state_outcome_mappings'),
         pairs('sm_outcome_mappings'),
@@ -167,7 +167,7 @@ def _memory(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, bool], fr
 
 
 def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str, ...]) -> Capability:
-    what = f'capability {name:.80}'
+    what = f'capability {excerpt(name)}'
     _checked_name(file, name, node, what)
     entries = file.entries(node, what, _CAPABILITY_KEYS)
     if 'interface' not in entries:
@@ -199,7 +199,7 @@ def _parameters(
         return parameters
     seconds = file.value(deadline, f'deadline of {what}')
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds < 1e9:
-        file.problem(deadline, f'deadline of {what} has to be a number of seconds above 0, not {seconds!r:.40}')
+        file.problem(deadline, f'deadline of {what} has to be a number of seconds above 0, not {shown(seconds)}')
     elif _TIMEOUT in parameters:
         file.problem(deadline, f'{what} has a deadline and the parameter {_TIMEOUT}: write one of them')
     else:
@@ -211,7 +211,7 @@ def _resources(file: YamlFile, node: yaml.Node, what: str) -> frozenset[str]:
     named = file.words(node, f'resources of {what}')
     for one in named:
         if not _NAME.fullmatch(one.text):
-            file.note(one.line, f"resources of {what}: '{one.text:.80}' is no name: letters, digits and _")
+            file.note(one.line, f'resources of {what}: {shown(one.text)} is no name: letters, digits and _')
     return frozenset(one.text for one in named)
 
 
@@ -254,4 +254,4 @@ def _userdata(file: YamlFile, node: yaml.Node | None, what: str) -> dict[str, st
 
 def _checked_name(file: YamlFile, name: str, node: yaml.Node, what: str) -> None:
     if not _NAME.fullmatch(name) or len(name) > 80:
-        file.problem(node, f"{what}: '{name:.80}' is no name: letters, digits and _, at most 80")
+        file.problem(node, f'{what}: {shown(name)} is no name: letters, digits and _, at most 80')

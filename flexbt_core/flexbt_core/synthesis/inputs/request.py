@@ -6,6 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from flexbt_core.values import shown
+
 from .yaml_nodes import YamlFile
 
 FAILURE_OUTCOMES: Final = frozenset({'failed', 'failure', 'aborted', 'canceled'})
@@ -61,7 +63,7 @@ def read_request(text: str, source: str) -> Request:
         file.value(entries['synthesis_timeout_s'], 'synthesis_timeout_s') if 'synthesis_timeout_s' in entries else 0
     )
     if not isinstance(timeout, int | float) or not 0 <= timeout < 1e9:
-        file.problem(entries['synthesis_timeout_s'], f'synthesis_timeout_s has to be seconds, not {timeout!r:.40}')
+        file.problem(entries['synthesis_timeout_s'], f'synthesis_timeout_s has to be seconds, not {shown(timeout)}')
         timeout = 0
     request = Request(
         texts('initial_conditions'),

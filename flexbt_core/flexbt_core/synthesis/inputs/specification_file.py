@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_core.synthesis.errors import SynthesisError
 from flexbt_core.synthesis.games import Section, Specification, Variable
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 
 from .yaml_nodes import Entry, YamlFile
 
@@ -53,8 +53,8 @@ def _read_yaml(text: str, source: str) -> SpecificationFile:
     for section, node in file.entries(entries.get('specs'), 'specs').items():
         if section in _SECTIONS:
             found[section] = file.words(node, section)
-        elif section.upper() in _SECTIONS or hint(section[:40], _SECTIONS).startswith('; did'):
-            file.problem(node, f"'{section:.40}' is no section{hint(section[:40], _SECTIONS)}")
+        elif section.upper() in _SECTIONS or hint(section, _SECTIONS).startswith('; did'):
+            file.problem(node, f'{shown(section)} is no section{hint(section, _SECTIONS)}')
         else:
             more.append(section)
     return _specification(source, name, found, tuple(more), file.note, file.problems)
@@ -73,7 +73,7 @@ def _read_sections(text: str, source: str) -> SpecificationFile:
         if line.startswith('[') and line.endswith(']'):
             section = line[1:-1].strip()
             if section not in _SECTIONS:
-                problem(number, f"'{section:.40}' is no section{hint(section[:40], _SECTIONS)}")
+                problem(number, f'{shown(section)} is no section{hint(section, _SECTIONS)}')
         elif line and section is None:
             problem(number, 'a formula before the first section; write for example [SYS_TRANS] above it')
         elif line and section is not None:
@@ -95,12 +95,12 @@ def _specification(
         for text, line in found.get(section, ()):
             parts = _DECLARATION.fullmatch(text)
             if parts is None:
-                problem(line, f"'{text:.80}' declares no variable: write NAME, or NAME:0...7 for an integer")
+                problem(line, f'{shown(text)} declares no variable: write NAME, or NAME:0...7 for an integer')
                 continue
             low, high = parts[2], parts[3]
             bounds = None if low is None else (int(low), int(high))
             if bounds is not None and bounds[0] > bounds[1]:
-                problem(line, f"'{text:.80}' has no values")
+                problem(line, f'{shown(text)} has no values')
             elif parts[1] in variables:
                 problem(line, f"'{parts[1]}' is declared twice")
             else:

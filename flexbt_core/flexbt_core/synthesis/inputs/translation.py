@@ -18,7 +18,7 @@ from typing import Final
 
 from flexbt_core.synthesis.errors import SynthesisError
 from flexbt_core.synthesis.games import Formula, FormulaError, Line, Section, Specification, Variable, parse_formula
-from flexbt_core.values import hint
+from flexbt_core.values import excerpt, hint, shown
 
 from .capability_file import Capability, CapabilityFile, Mappings
 from .concurrency import concurrent_pairs
@@ -26,7 +26,7 @@ from .interface import Interface, Interfaces
 from .request import FAILURE_OUTCOMES, Request
 from .specification_file import SpecificationFile
 from .vocabulary import CAPABILITY, Vocabulary, suffixes
-from .yaml_nodes import Entry, shown
+from .yaml_nodes import Entry
 
 _WORD: Final = re.compile(r"([A-Za-z_]\w*)('?)")
 _CONDITION: Final = re.compile(r'(!?)\s*(@?)([A-Za-z_]\w*)\s*(?:=\s*(\w+))?')
@@ -145,7 +145,9 @@ class Translation:
             if not section.value.endswith('_INIT'):
                 for text, line in entries:
                     place = f'{self._given.source}:{line}'
-                    self._add(section, self._expanded(text, False), f"{section.value} '{shown(text)}' ({place})", place)
+                    self._add(
+                        section, self._expanded(text, False), f"{section.value} '{excerpt(text)}' ({place})", place
+                    )
         if not any(section is Section.SYS_LIVENESS for section, *_ in self._texts):
             self._problem(None, 'nothing is asked for: give a goal, or SYS_LIVENESS in a specification')
         live, last_resort, hopes = self._promises()
@@ -338,7 +340,7 @@ class Translation:
         variable replaces what the specification says of that variable alone."""
         asked: list[tuple[str, str, str]] = []
         for text in self._request.initial_conditions:
-            asked.append((self._expanded(text, False), f"initial condition '{shown(text)}' (request)", 'request'))
+            asked.append((self._expanded(text, False), f"initial condition '{excerpt(text)}' (request)", 'request'))
         alone = {names[0] for text, _, _ in asked if len(names := list(self._names(text))) == 1}
         for section in (Section.ENV_INIT, Section.SYS_INIT):
             for text, line in self._given.formulas.get(section, ()):
@@ -347,10 +349,10 @@ class Translation:
                 if self._names(formula) <= alone and len(self._names(formula)) == 1:
                     if formula not in [one for one, _, _ in asked]:
                         self._notes.append(
-                            f"{place}: the request says otherwise than '{shown(text)}'; the request counts"
+                            f"{place}: the request says otherwise than '{excerpt(text)}'; the request counts"
                         )
                     continue
-                asked.append((formula, f"{section.value} '{shown(text)}' ({place})", place))
+                asked.append((formula, f"{section.value} '{excerpt(text)}' ({place})", place))
         mentioned: set[str] = set()
         for formula, origin, place in asked:
             about = self._names(formula)
@@ -421,11 +423,11 @@ class Translation:
                 place = f'{self._file.source}:{line}'
                 if "'" in text:
                     self._problem(
-                        line, f"precondition '{shown(text)}' of {one.name}: it is about one moment; leave out the '"
+                        line, f"precondition '{excerpt(text)}' of {one.name}: it is about one moment; leave out the '"
                     )
                     continue
                 formula = self._expanded(text, True)
-                origin = f"precondition '{shown(text)}' of {one.name} ({place})"
+                origin = f"precondition '{excerpt(text)}' of {one.name} ({place})"
                 self._add(Section.SYS_TRANS, f'!({formula}) -> !{active}', origin, place)
             for outcome, entries in one.postconditions.items():
                 for entry in entries:
@@ -456,17 +458,15 @@ class Translation:
                 to_failed += [arrives] if name == 'failed' and not text.startswith('!') else []
             else:
                 known = [*words.outcomes, *words.ends]
-                self._problem(
-                    line, f"transition_relation of {one.name}: there is no '{name:.80}'{hint(name[:80], known)}"
-                )
+                self._problem(line, f'transition_relation of {one.name}: there is no {shown(name)}{hint(name, known)}')
                 continue
             place = f'{self._file.source}:{line}'
             if text.startswith('!'):
-                origin = f"transition_relation '{shown(text)}' of {one.name} after {outcome} ({place})"
+                origin = f"transition_relation '{excerpt(text)}' of {one.name} after {outcome} ({place})"
                 self._add(Section.SYS_TRANS, f'{arrives} -> !{target}', origin, place)
             else:
                 targets.append(target)
-                texts.append(shown(text))
+                texts.append(excerpt(text))
                 places.append(place)
         if targets:
             origin = f"transition_relation '{' | '.join(texts)}' of {one.name} after {outcome} ({places[0]})"
@@ -474,8 +474,8 @@ class Translation:
             self._add(Section.SYS_TRANS, f'{arrives} -> ({" | ".join(targets)})', origin, places[0])
 
     def _effect(self, one: Capability, outcome: str, entry: Entry) -> None:
-        what = f"postcondition '{shown(entry.text)}' of {one.name}"
-        arrives = self._outcome_of(one, outcome, entry.line, f"postcondition '{shown(entry.text)}'")
+        what = f"postcondition '{excerpt(entry.text)}' of {one.name}"
+        arrives = self._outcome_of(one, outcome, entry.line, f"postcondition '{excerpt(entry.text)}'")
         parts = _CONDITION.fullmatch(entry.text)
         if parts is None:
             self._problem(entry.line, f'{what}: write NAME, !NAME, VARIABLE=VALUE or @VARIABLE')
@@ -521,7 +521,7 @@ class Translation:
     def _objective(self) -> None:
         self._rule = 'the outcome of the machine stands for the goal'
         words, add = self._vocabulary, self._add
-        goals = [(self._expanded(text, False), f"goal '{shown(text)}' (request)") for text in self._request.goals]
+        goals = [(self._expanded(text, False), f"goal '{excerpt(text)}' (request)") for text in self._request.goals]
         success = next((end for name, end in words.ends.items() if name not in FAILURE_OUTCOMES), None)
         self._hopes: list[str] = [success] if success else [goal for goal, _ in goals]
         if success and goals:

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import NamedTuple
 
 import yaml
 
 from flexbt_core.synthesis.errors import SynthesisError
-from flexbt_core.values import YamlParts, line_of
+from flexbt_core.values import YamlParts, line_of, shown
 
 
 class Entry(NamedTuple):
@@ -27,7 +27,7 @@ class YamlFile(YamlParts):
         super().__init__(source)
         self._text = text
 
-    def top(self, what: str, known: Iterable[str] | None = None) -> dict[str, yaml.Node]:
+    def top(self, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
         """The top-level entries."""
         root = self.root(self._text)
         self.end()
@@ -38,7 +38,7 @@ class YamlFile(YamlParts):
         if self.problems:
             raise SynthesisError(self.problems)
 
-    def entries(self, node: yaml.Node | None, what: str, known: Iterable[str] | None = None) -> dict[str, yaml.Node]:
+    def entries(self, node: yaml.Node | None, what: str, known: Collection[str] | None = None) -> dict[str, yaml.Node]:
         """The entries of a mapping by their names; empty when there is none. Others than ``known`` are problems."""
         found = self.mapping(None if node is None or is_null(node) else node, what)
         if known is not None:
@@ -60,24 +60,19 @@ class YamlFile(YamlParts):
         """An integer that is written so."""
         if re.fullmatch(r'[-+]?\d{1,9}', text, re.ASCII):
             return int(text)
-        self.problem(node, f"{what} has to be an integer of at most 9 digits, not '{text:.40}'")
+        self.problem(node, f'{what} has to be an integer of at most 9 digits, not {shown(text)}')
         return 0
 
     def flag(self, node: yaml.Node, what: str) -> bool:
         """A truth value."""
         value = self.value(node, what)
         if not isinstance(value, bool | int):
-            self.problem(node, f'{what} has to be true or false, not {value!r:.40}')
+            self.problem(node, f'{what} has to be true or false, not {shown(value)}')
         return bool(value)
 
     def note(self, line: int, text: str) -> None:
         """Something is wrong in a line."""
         self.problems.append(f'{self.source}:{line}: {text}')
-
-
-def shown(text: str) -> str:
-    """A text in a message: not longer than a line."""
-    return text if len(text) <= 100 else f'{text[:99]}…'
 
 
 def is_null(node: yaml.Node) -> bool:

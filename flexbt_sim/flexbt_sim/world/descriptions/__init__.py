@@ -38,7 +38,7 @@ from .models import (
     WalkModel,
     ZoneModel,
 )
-from .specification import NAME, Key, Specification, hint, keys_of, types_of, written
+from .specification import NAME, Key, Specification, keys_of, types_of, written
 from .world_file import SECTIONS, WorldFile, WorldModel
 
 __all__ = [
@@ -81,7 +81,6 @@ __all__ = [
     'WorldModel',
     'ZoneModel',
     'fault_parameters',
-    'hint',
     'keys_of',
     'types_of',
     'written',

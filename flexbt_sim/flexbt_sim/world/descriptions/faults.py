@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
+from flexbt_core.values import hint
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane import Pose
 
-from .specification import Problem, Specification, hint, key, names, read
+from .specification import Problem, Specification, key, names, read
 
 
 @dataclass(frozen=True)

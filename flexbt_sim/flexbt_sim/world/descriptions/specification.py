@@ -8,17 +8,15 @@ them.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import re
-import reprlib
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
-from flexbt_core.values import one_line
+from flexbt_core.values import hint, one_line, shown
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
 
@@ -232,17 +230,3 @@ def _bounded(value: Any, one: Key, path: Path, problems: list[Problem]) -> None:
 def names(words: Iterable[Any]) -> str:
     """Words in a line."""
     return ', '.join(map(str, words))
-
-
-def hint(word: Any, known: Iterable[str]) -> str:
-    """A question after what was meant, or what there is."""
-    choices = list(known)
-    close = difflib.get_close_matches(str(word), choices, n=1)
-    if close:
-        return f"; do you mean '{close[0]}'?"
-    return f'; there is {reprlib.repr(names(choices))[1:-1]}' if len(choices) > 30 else f'; there is {names(choices)}'
-
-
-def shown(value: object) -> str:
-    """Enough of a value to recognise it."""
-    return reprlib.repr(value)[:80]

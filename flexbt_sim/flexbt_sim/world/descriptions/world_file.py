@@ -10,14 +10,14 @@ from typing import Any, ClassVar, Final
 
 import yaml
 
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml, hint, shown
 from flexbt_sim.errors import MapError, SimulationError, WorldError
 from flexbt_sim.world.plane import OccupancyMap, Pose, load_map
 
 from .faults import FAULTS, FaultTiming
 from .floor_plan import FloorPlan
 from .models import MODELS, STEP, DoorModel, ObstacleModel, RobotModel, StationModel, ZoneModel
-from .specification import NAME, Problem, Specification, convert, hint, key, keys_of, names, read, shown
+from .specification import NAME, Problem, Specification, convert, key, keys_of, names, read
 from .specification import Path as Where
 
 MAX_BYTES: Final = 2_000_000

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_core.values import load_yaml
+from flexbt_core.values import load_yaml, shown
 from flexbt_sim.errors import MapError
 
 from . import loops
@@ -154,7 +153,7 @@ def load_map(file: Path) -> OccupancyMap:
     fields = _read_yaml(file)
     image = fields.get('image')
     if not isinstance(image, str) or not image:
-        raise MapError(file, 'image', f'expected a file name, got {_shown(image)}')
+        raise MapError(file, 'image', f'expected a file name, got {shown(image)}')
     resolution = _number(file, fields, 'resolution')
     if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
         raise MapError(
@@ -163,7 +162,7 @@ def load_map(file: Path) -> OccupancyMap:
     origin = fields.get('origin')
     numbers = [_finite(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
     if None in numbers:
-        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {_shown(origin)}')
+        raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {shown(origin)}')
     occupied = _number(file, fields, 'occupied_thresh')
     free = _number(file, fields, 'free_thresh')
     if not 0.0 <= free < occupied <= 1.0:
@@ -172,10 +171,10 @@ def load_map(file: Path) -> OccupancyMap:
         )
     mode = fields.get('mode', 'trinary')
     if not isinstance(mode, str) or mode.lower() not in MODES:
-        raise MapError(file, 'mode', f'{_shown(mode)} is none of {", ".join(MODES)}')
+        raise MapError(file, 'mode', f'{shown(mode)} is none of {", ".join(MODES)}')
     negate = fields.get('negate', 0)
     if negate not in (0, 1):
-        raise MapError(file, 'negate', f'expected 0 or 1, got {_shown(negate)}')
+        raise MapError(file, 'negate', f'expected 0 or 1, got {shown(negate)}')
     grey, transparent = _read_image(file, file.parent / image)
     cells = _occupancies(mode.lower(), bool(negate), occupied, free)[grey]
     if mode.lower() != 'raw':
@@ -183,7 +182,7 @@ def load_map(file: Path) -> OccupancyMap:
     x, y, yaw = (float(number) for number in numbers if number is not None)
     pose = Pose(x, y, yaw)
     if not pose.is_place:
-        raise MapError(file, 'origin', f'{_shown(origin)} is no place: more than {FARTHEST:g} m away')
+        raise MapError(file, 'origin', f'{shown(origin)} is no place: more than {FARTHEST:g} m away')
     # The image has its first row at the top, the grid at the bottom.
     return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, pose)
 
@@ -239,7 +238,7 @@ def _require_file(path: Path) -> None:
 def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
     number = _finite(fields.get(name))
     if number is None:
-        raise MapError(file, name, f'expected a number, got {_shown(fields.get(name))}')
+        raise MapError(file, name, f'expected a number, got {shown(fields.get(name))}')
     return number
 
 
@@ -250,11 +249,6 @@ def _finite(value: Any) -> float | None:
     except (ValueError, OverflowError):
         return None
     return number if math.isfinite(number) else None
-
-
-def _shown(value: object) -> str:
-    """Enough of a value of the file to recognise it."""
-    return reprlib.repr(value)[:80]
 
 
 def _line(error: Exception) -> str:

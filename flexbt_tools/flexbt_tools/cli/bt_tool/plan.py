@@ -31,7 +31,7 @@ from flexbt_core.planning import (
     tree_xml,
 )
 from flexbt_core.skills import SkillError
-from flexbt_core.values import lines, one_line
+from flexbt_core.values import lines, one_line, shown
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.skills import mission_problems, mission_skills, read_mission_file
@@ -93,7 +93,7 @@ def _tree_id(text: str) -> str:
 
 def _number(text: str) -> int:
     if not text.isdecimal() or len(text) > 3:
-        raise argparse.ArgumentTypeError(f'{text!r:.80} is no number from 0 to 999')
+        raise argparse.ArgumentTypeError(f'{shown(text)} is no number from 0 to 999')
     return int(text)
 
 

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of unknown origin in messages: short ones as they are, and of all others enough to recognise them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_core.values import excerpt, shown
+from flexbt_core.values.excerpts import MOST
+
+PLAIN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(), lambda inner: st.lists(inner, max_size=40)
+)
+
+
+@given(st.text(max_size=300), st.integers(20, 200))
+def test_an_excerpt_is_the_text_or_its_ends(text: str, most: int) -> None:
+    kept = excerpt(text, most)
+    assert kept == text if len(text) <= most else len(kept) == most
+    begin, _, end = kept.rpartition(' ... ') if len(text) > most else (text, '', text)
+    assert text.startswith(begin) and text.endswith(end)
+
+
+@settings(max_examples=40)
+@given(PLAIN)
+def test_a_value_is_shown_as_python_writes_it_up_to_the_bound(value: Any) -> None:
+    written = repr(value)
+    assert shown(value) == written if len(written) <= MOST else len(shown(value)) <= MOST
+
+
+class Hostile:
+    def __repr__(self) -> str:
+        raise RuntimeError('no')
+
+
+def test_nothing_raises_and_a_value_is_cut_before_it_is_written() -> None:
+    deep: list[Any] = []
+    for _ in range(100_000):
+        deep = [deep]
+    for value in (Hostile(), 10**5000, deep, 'x' * 10**7, [['x' * 10**6] * 1000] * 1000):  # the last would be 1 TB
+        assert 0 < len(shown(value)) <= MOST, type(value)
