@@ -150,6 +150,7 @@ FETCH: Final = Mission(
     (
         'plan only after charged > SUCCESS',
         'plan at most 2 times',
+        'after plan > FAILURE, plan before the end, up to 2 times',
         'drive only after plan > SUCCESS, each time anew',
         'drive works only while safe holds',
         'grasp only after drive > SUCCESS, each time anew',
@@ -194,6 +195,11 @@ DELIVER: Final = Mission(
         'dock only after home/drive > SUCCESS',
         '=SUCCESS only after dock > SUCCESS',
         'dock at most 3 times',
+        'after dock > FAILURE, dock before the end, up to 3 times',
+        'after there/drive > FAILURE, there/clear before the end, up to 1 time',
+        'after home/drive > FAILURE, home/clear before the end, up to 1 time',
+        'there/plan at most 1 time in 1 s',
+        'home/plan at most 1 time in 1 s',
     ),
 )
 MISSIONS: Final = (FETCH, DELIVER)

@@ -72,7 +72,7 @@ class Comparison:
     @property
     def is_same(self) -> bool:
         """Whether no step was found that tells the versions apart."""
-        return not self.differences
+        return not self.differences and not self.more
 
 
 def compare(

@@ -6,11 +6,14 @@ Text                                         What is required
 ===========================================  =========================================================================
 ``never EVENT``                              it does not happen
 ``EVENT at most 3 times``                    so often, and not more
+``EVENT at most 1 time in 2 s``              in any so long time (ms, s, min)
 ``EVENT only after EVENT``                   the second was before the first, at some time
-``EVENT only after EVENT, each time anew``   also since the last time
+``EVENT only after EVENT, 3 times``          the second was there so often before the first
+``EVENT only after EVENT, each time anew``   also since the last time (or ``, 3 times, each time anew``)
 ``after EVENT comes /Path or =outcome``      one of these follows at once (of a machine)
 ``after EVENT, EVENT within 10 s``           it follows in time (ms, s, min)
-``after EVENT, EVENT before the end``        it follows, unless the run is stopped
+``after EVENT, EVENT before the end``        it follows, unless the run is stopped (``, up to 3 times``: or has come so
+                                             often: further attempts)
 ``A never while B``                          these states, or leaves, do not work at the same time
 ``A works only while C holds``               a condition is asked, and holds, as long as a leaf works (of a tree)
 ``EVENT only with KEY and KEY written``      userdata was written, and is no default (of a machine; proved only)
@@ -57,10 +60,26 @@ _SECONDS: Final = {'ms': 0.001, 's': 1.0, 'min': 60.0}
 _NUMBER: Final = r'(\d{1,9}(?:\.\d{1,9})?)'
 _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     (r'never (.+)', Never),
+    (
+        rf'(.+) at most (\d{{1,9}}) times? in {_NUMBER} (ms|s|min)',
+        lambda event, times, number, unit: AtMost(event, int(times), float(number) * _SECONDS[unit]),
+    ),
     (r'(.+) at most (\d{1,9}) times?', lambda event, times: AtMost(event, int(times))),
     (r'(.+) only with (.+) written', lambda event, keys: Written(event, tuple(_parts(keys, 'and')))),
+    (
+        r'(.+) only after (.+), (\d{1,9}) times?, each time anew',
+        lambda event, needs, times: Before(event, needs, True, int(times)),
+    ),
+    (
+        r'(.+) only after (.+), (\d{1,9}) times?',
+        lambda event, needs, times: Before(event, needs, times=int(times)),
+    ),
     (r'(.+) only after (.+), each time anew', lambda event, needs: Before(event, needs, True)),
     (r'(.+) only after (.+)', Before),
+    (
+        r'after (.+), (.+) before the end, up to (\d{1,9}) times?',
+        lambda event, then, times: Within(event, then, times=int(times)),
+    ),
     (r'after (.+), (.+) before the end', Within),
     (
         rf'after (.+), (.+) within {_NUMBER} (ms|s|min)',
@@ -72,8 +91,9 @@ _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     (r'(.+) is always still possible', Possible),
 )
 _EXAMPLES: Final = (
-    '"never A", "A at most 3 times", "A only after B", "A only after B, each time anew", "after A comes B or C", '
-    '"after A, B within 5 s", "after A, B before the end", "A never while B", "A works only while C holds", '
+    '"never A", "A at most 3 times", "A at most 1 time in 2 s", "A only after B", "A only after B, 3 times", '
+    '"A only after B, each time anew", "after A comes B or C", "after A, B within 5 s", "after A, B before the end", '
+    '"after A, B before the end, up to 3 times", "A never while B", "A works only while C holds", '
     '"A only with KEY written", "A is always still possible"'
 )
 
@@ -139,7 +159,9 @@ def _event(text: str) -> str:
 def _unfit(made: Requirement) -> str:
     if isinstance(made, AtMost) and made.times < 1:
         return 'a number of times is 1 at least; write "never" for none'
-    if isinstance(made, Within) and made.seconds is not None and not 0.0 < made.seconds < math.inf:
+    if isinstance(made, Before | Within) and made.times is not None and made.times < 1:
+        return 'a number of times is 1 at least'
+    if isinstance(made, Within | AtMost) and made.seconds is not None and not 0.0 < made.seconds < math.inf:
         return 'a time is above 0'
     return ''
 

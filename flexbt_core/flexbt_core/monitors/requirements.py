@@ -27,25 +27,30 @@ class Never:
 
 @dataclass(frozen=True)
 class AtMost:
-    """``event`` happens so many times at most."""
+    """``event`` happens so many times at most; with ``seconds``, in any so long time of the clock of the run."""
 
     event: str
     times: int
+    seconds: float | None = None
 
     def __str__(self) -> str:
-        return f'{self.event} at most {self.times} time{"" if self.times == 1 else "s"}'
+        when = '' if self.seconds is None else f' in {self.seconds:g} s'
+        return f'{self.event} at most {self.times} time{"" if self.times == 1 else "s"}{when}'
 
 
 @dataclass(frozen=True)
 class Before:
-    """``event`` only after ``needs``, at some time since the beginning; with ``again``, since the last ``event``."""
+    """``event`` only after ``needs`` has come so many ``times``, since the beginning; with ``again``, since the last
+    ``event``."""
 
     event: str
     needs: str
     again: bool = False
+    times: int = 1
 
     def __str__(self) -> str:
-        return f'{self.event} only after {self.needs}{", each time anew" if self.again else ""}'
+        times = '' if self.times == 1 else f', {self.times} times'
+        return f'{self.event} only after {self.needs}{times}{", each time anew" if self.again else ""}'
 
 
 @dataclass(frozen=True)
@@ -63,16 +68,19 @@ class After:
 class Within:
     """After ``event`` comes ``then``: within ``seconds``, or (None) before it ends. A stop owes nothing.
 
-    Seconds are those of the clock of the run; time that the run is paused does not count.
+    With ``times``, ``then`` is owed until it has come so often: further attempts, say. Seconds are those of the clock
+    of the run; time that the run is paused does not count.
     """
 
     event: str
     then: str
     seconds: float | None = None
+    times: int | None = None
 
     def __str__(self) -> str:
         when = 'before the end' if self.seconds is None else f'within {self.seconds:g} s'
-        return f'after {self.event}, {self.then} {when}'
+        times = '' if self.times is None else f', up to {self.times} time{"" if self.times == 1 else "s"}'
+        return f'after {self.event}, {self.then} {when}{times}'
 
 
 @dataclass(frozen=True)
@@ -120,6 +128,9 @@ class Possible:
 
 Requirement = Never | AtMost | Before | After | Within | Apart | While | Written | Possible
 
+_ROUNDING = 1e-6
+"""Of points in time, s."""
+
 PROVED_ONLY = (Written, Possible)
 """They are about what might happen, or cannot be told from what is seen of a run: no monitor watches them."""
 
@@ -140,6 +151,8 @@ class Requirements:
         self.counts: dict[str, int] = {}
         self.due: dict[str, float] = {}
         """Until when what is owed has to come."""
+        self.recent: dict[str, tuple[float, ...]] = {}
+        """Of what happens so often in some time: until when the last ones count."""
         self.paused_at: float | None = None
         self._now = now
         self._found = found
@@ -192,13 +205,15 @@ class Requirements:
 
     def rests(self, is_paused: bool) -> None:
         """Whether something is overdue. Time in which the run is paused does not count."""
-        if not self.due:
+        if not self.due and not self.recent:
             self.paused_at = None
             return
         now = self._now()
         if is_paused or self.paused_at is not None:
             self._pause(is_paused, now)
             return
+        recent = {name: _counting(times, now) for name, times in self.recent.items()}
+        self.recent = {name: times for name, times in recent.items() if times}
         for one in [one for one in self.requirements if isinstance(one, Within)]:
             if self.due.get(str(one), now + 1.0) <= now:
                 del self.due[str(one)]
@@ -210,6 +225,7 @@ class Requirements:
         elif not is_paused:
             passed, self.paused_at = now - self.paused_at, None
             self.due = {one: due + passed for one, due in self.due.items()}
+            self.recent = {one: tuple(time + passed for time in times) for one, times in self.recent.items()}
 
     def next_due(self) -> float | None:
         """When something is overdue at the earliest."""
@@ -227,6 +243,12 @@ class Requirements:
             self._tell(one, event, f'{event} happens')
         elif isinstance(one, Possible):
             self.happened.add(event)
+        elif isinstance(one, AtMost) and one.seconds is not None:
+            now = self._now()
+            recent = _counting(self.recent.get(name, ()), now)
+            if len(recent) >= one.times:
+                self._tell(one, event, f'{event} happens more than {_times(one.times)} in {one.seconds:g} s')
+            self.recent[name] = (*recent, now + one.seconds)[-one.times :]
         elif isinstance(one, AtMost):
             count = self.counts[name] = min(self.counts.get(name, 0) + 1, one.times + 1)
             if count > one.times:
@@ -234,18 +256,28 @@ class Requirements:
         elif isinstance(one, Before):
             if event == one.event:
                 if name not in self.met:
-                    self._tell(one, event, f'{event} comes without {one.needs}')
-                elif one.again:
+                    came = self.counts.get(name, 0)
+                    lacks = f'without {one.needs}' if not came else f'when {one.needs} has come {_times(came)} only'
+                    self._tell(one, event, f'{event} comes {lacks}')
+                if one.again:
                     self.met.discard(name)
-            if event == one.needs:
-                self.met.add(name)
+                    self.counts.pop(name, None)
+            if event == one.needs and name not in self.met:
+                came = self.counts.pop(name, 0) + 1
+                if came == one.times:
+                    self.met.add(name)
+                else:
+                    self.counts[name] = came
         elif isinstance(one, Within):
             if event == one.then:
                 self.met.discard(name)
                 if self.due.pop(name, math.inf) < self._now() and self.paused_at is None:
                     self._tell(one, one.event, f'{one.then} has not come {one.seconds:g} s after {one.event}')
+                if one.times is not None:
+                    self.counts[name] = min(self.counts.get(name, 0) + 1, one.times)
             elif one.seconds is None:
-                self.met.add(name)
+                if one.times is None or self.counts.get(name, 0) < one.times:
+                    self.met.add(name)
             elif name not in self.due:
                 self.due[name] = self._now() + one.seconds
 
@@ -265,6 +297,11 @@ def _events(one: Requirement) -> set[str]:
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
     """That something does not fulfil a requirement."""
     return Violation(Property.REQUIREMENT, where, f'{what}; required is: {requirement}')
+
+
+def _counting(times: tuple[float, ...], now: float) -> tuple[float, ...]:
+    """Which of these are to come, beyond what rounding makes of one that is now."""
+    return tuple(time for time in times if time > now + _ROUNDING)
 
 
 def _times(number: int) -> str:

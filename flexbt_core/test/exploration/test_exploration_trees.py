@@ -338,3 +338,37 @@ def test_a_tree_does_not_wait_for_what_ignores_a_cancel(name: str, is_confirmed:
     kinds = {label.kind for label in tree.labels()}
     assert ('cancel confirmed' in kinds) is is_confirmed
     assert ('result' in kinds) is not is_confirmed  # Plan has begun
+
+
+GO = '<Go name="go" goal="x"/>'
+ATTEMPTS = (
+    f'<Fallback><RetryUntilSuccessful num_attempts="{{}}">{GO}</RetryUntilSuccessful><Ask name="ask"/></Fallback>'
+)
+RATE = f'<PipelineSequence><RateController hz="{{}}">{GO}</RateController><Drive/></PipelineSequence>'
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'required', 'why'),
+    [
+        (ATTEMPTS.format(3), ATTEMPTS.format(2), 'ask only after go > FAILURE, 3 times', 'has come 2 times only'),
+        (
+            ATTEMPTS.format(3),
+            ATTEMPTS.format(2),
+            'after go > FAILURE, go before the end, up to 3 times',
+            'it ends, and go has not come after go > FAILURE',
+        ),
+        (RATE.format(2), RATE.format(10), 'go at most 1 time in 500 ms', 'go happens more than once in 0.5 s'),
+    ],
+    ids=['attempts before', 'attempts', 'rate'],
+)
+def test_fewer_attempts_or_more_often_than_is_required_is_found(
+    right: str, wrong: str, required: str, why: str
+) -> None:
+    limits = Limits(seconds=600)
+    report = explore(lambda: system(right, required), 'Main', limits=limits)
+    assert report.is_proof, report.counterexamples
+    (found,) = explore(lambda: system(wrong, required), 'Main', limits=limits).counterexamples
+    assert why in found.violation.text
+    assert replay(lambda: system(wrong, required), found.moves) and not replay(
+        lambda: system(right, required), found.moves
+    )
