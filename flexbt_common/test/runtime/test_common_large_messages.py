@@ -7,10 +7,12 @@ import os
 from pathlib import Path
 
 import pytest
+from rcl_interfaces.srv import DescribeParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from flexbt_common import names
 from flexbt_common.discovery import profile
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.runtime.large_messages import is_dynamic
@@ -19,6 +21,7 @@ from flexbt_testing.waiting import wait_until
 TOPICS = 6
 DEPTH = 5
 SIZE = 5_000_000
+DEADLINE = 20.0
 
 
 def resident() -> int:
@@ -54,6 +57,45 @@ def test_the_room_of_large_messages_is_given_back() -> None:
             send_large(sender, receiver, f'large_{number}')
         kept = TOPICS * SIZE
         wait_until(lambda: resident() - before < kept, lambda: f'{(resident() - before) / 1e6:.0f} MB given back')
+
+
+UNREAD = 16
+"""Of the profile."""
+
+
+def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> None:
+    with NodeRuntime.open('receiver') as receiver, NodeRuntime.open('sender') as sender:
+        taken: list[str] = []
+
+        def serve(
+            request: DescribeParameters.Request, response: DescribeParameters.Response
+        ) -> DescribeParameters.Response:
+            taken.extend(request.names)
+            return response
+
+        def send(count: int, qos: QoSProfile) -> None:
+            client = sender.call(lambda: sender.node.create_client(DescribeParameters, 'describe', qos_profile=qos))
+            assert client.wait_for_service(DEADLINE)
+            numbers = [str(number) for number in range(count)]
+
+            def fill() -> None:
+                for number in numbers:
+                    client.call_async(DescribeParameters.Request(names=[number]))
+
+            taken.clear()
+            receiver.call(lambda: sender.call(fill))
+            wait_until(lambda: numbers[-1] in taken, 'the last request')
+            sender.call(lambda: sender.node.destroy_client(client))
+
+        receiver.call(
+            lambda: receiver.node.create_service(
+                DescribeParameters, 'describe', serve, qos_profile=names.deep_services()
+            )
+        )
+        send(200, QoSProfile(depth=1))  # its sender keeps nothing, so what did not wait here is lost
+        assert len(taken) < 3 * UNREAD
+        send(200, names.deep_services())
+        assert taken == [str(number) for number in range(200)]
 
 
 DYNAMIC = '<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>'
