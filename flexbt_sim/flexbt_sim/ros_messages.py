@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy
 from builtin_interfaces.msg import Time
@@ -15,17 +14,6 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world import MAX_RESOLUTION, MIN_RESOLUTION, OccupancyMap, Pose, wrap
-
-
-def time_message(seconds: float) -> Time:
-    """A point of time, s."""
-    nanoseconds = round(seconds * 1e9)
-    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
-
-
-def seconds_of(message: Any) -> float:
-    """Seconds of a Time or Duration."""
-    return float(message.sec) + float(message.nanosec) * 1e-9
 
 
 def quaternion(yaw: float) -> Quaternion:

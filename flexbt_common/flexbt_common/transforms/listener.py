@@ -13,7 +13,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -23,7 +22,7 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import MESSAGE, check_limits
+from flexbt_common.values import MESSAGE, check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 
 from .buffer import TransformBuffer
@@ -105,7 +104,9 @@ class TransformListener:
             there.header.frame_id, there.header.stamp = target, pose.header.stamp
             on_pose(there)
 
-        self.lookup(target, pose.header.frame_id, _seconds(pose.header.stamp) or None, on_transform, on_error, timeout)
+        self.lookup(
+            target, pose.header.frame_id, seconds_of(pose.header.stamp) or None, on_transform, on_error, timeout
+        )
 
     def lookup(
         self,
@@ -172,7 +173,7 @@ def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -
     """Take those of a tf2_msgs/TFMessage into a buffer, up to the first that cannot be. Raises TransformError."""
     for stamped in message.transforms:
         parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
-        buffer.set(parent, frame, _rigid_of(stamped.transform), _seconds(stamp), is_static=is_static)
+        buffer.set(parent, frame, _rigid_of(stamped.transform), seconds_of(stamp), is_static=is_static)
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:
@@ -191,7 +192,3 @@ def _rigid_of(message: Any) -> Rigid:
     """A geometry_msgs/Transform as plain numbers."""
     at, turned = message.translation, message.rotation
     return Rigid((at.x, at.y, at.z), (turned.x, turned.y, turned.z, turned.w))
-
-
-def _seconds(stamp: Time) -> float:
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Typed values as messages and as text."""
 
-from .durations import duration_message
 from .entries import (
     Encoding,
     ValueType,
@@ -14,6 +13,7 @@ from .entries import (
     value_to_text,
 )
 from .limits import MESSAGE, check_limits, length_of
+from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
 
@@ -30,7 +30,10 @@ __all__ = [
     'length_of',
     'message_type_name',
     'resolve_type',
+    'seconds_of',
     'text_to_value',
+    'time_message',
+    'time_of_nanoseconds',
     'to_entry',
     'type_name',
     'value_to_text',

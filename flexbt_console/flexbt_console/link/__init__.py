@@ -12,7 +12,6 @@ from .messages import (
     event_records,
     log_record,
     places_record,
-    seconds_of,
     snapshot_record,
     structure_record,
 )
@@ -38,7 +37,6 @@ __all__ = [
     'log_record',
     'places_record',
     'points_of',
-    'seconds_of',
     'snapshot_record',
     'structure_record',
 ]

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
 
+from flexbt_common.values import seconds_of
 from flexbt_console import mirror as records
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import (
@@ -239,8 +240,3 @@ def known_constant(constants: type[E], value: int) -> E:
         return constants(value)
     except ValueError:
         return constants(0)
-
-
-def seconds_of(stamp: Any) -> float:
-    """A time of a message in seconds."""
-    return float(stamp.sec) + stamp.nanosec * 1e-9

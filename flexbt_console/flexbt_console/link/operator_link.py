@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
+from flexbt_common.values import seconds_of
 from flexbt_console.errors import NoLinkError, RefusedError
 from flexbt_console.mirror import (
     LONGEST_RESEND,
@@ -290,7 +291,7 @@ class OperatorLink:
 
     def _on_pong(self, echo: Header, info: Mapping[str, int]) -> None:
         if echo.frame_id == self._id and info['source_timestamp'] > 0:
-            said = echo.stamp.sec + echo.stamp.nanosec * 1e-9
+            said = seconds_of(echo.stamp)
             self._mirror.receive_pong(info['source_timestamp'] * 1e-9 - said)
 
     def _on_status_matched(self, status: Any) -> None:

@@ -18,13 +18,13 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, take_transforms
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import Mirror, Points
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import one_line
 
-from .messages import FARTHEST, is_length, seconds_of
+from .messages import FARTHEST, is_length
 
 MOST_BEAMS: Final = 720
 """Beams of a scan that are kept; of more, every so many."""

@@ -12,12 +12,12 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 
-from .messages import is_length, known_constant, seconds_of
+from .messages import is_length, known_constant
 from .scan_link import TOLD_CHARACTERS, ScanLink
 
 MAP_FRAME: Final = 'map'

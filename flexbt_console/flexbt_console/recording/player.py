@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.transforms import TransformBuffer, take_transforms
-from flexbt_common.values import check_limits, resolve_type
+from flexbt_common.values import check_limits, resolve_type, seconds_of
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.link import (
     PLACE_SECONDS,
@@ -25,7 +25,6 @@ from flexbt_console.link import (
     log_record,
     places_record,
     points_of,
-    seconds_of,
     snapshot_record,
     structure_record,
 )

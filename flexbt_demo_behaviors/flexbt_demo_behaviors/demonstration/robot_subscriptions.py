@@ -11,6 +11,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import seconds_of
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.world import OccupancyMap
 from flexbt_sim.world import Pose as Origin
@@ -32,7 +33,7 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
 
     def on_pose(message: PoseStamped) -> None:
         position = message.pose.position
-        track.add_pose(Pose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message))
+        track.add_pose(Pose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message.header.stamp))
 
     def on_odometry(message: Odometry) -> None:
         track.add_speed(message.twist.twist.linear.x, message.twist.twist.angular.z)
@@ -57,11 +58,6 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
         node.create_subscription(TreeStatus, names.TREE_STATUS, on_tree_status, names.latched(TREE_DEPTH))
 
     runtime.call(subscribe)
-
-
-def seconds_of(message: PoseStamped) -> float:
-    """The stamp of a message in seconds of (simulated) time."""
-    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
 
 
 def yaw_of(orientation: Quaternion) -> float:

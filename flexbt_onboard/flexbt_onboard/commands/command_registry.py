@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
+from flexbt_common.values import seconds_of
 from flexbt_core.state_machine import Answer
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.behaviors import BehaviorLibrary
@@ -215,7 +216,7 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         'id': command.id,
         'command': name,
         'operator': command.operator_id,
-        'given': round(command.stamp.sec + command.stamp.nanosec * 1e-9, 6),
+        'given': round(seconds_of(command.stamp), 6),
         'executive': command.executive_id,
         'run': command.run_id,
         'decision': command.decision_id,

@@ -44,6 +44,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
+from flexbt_common.values import seconds_of
+
 if TYPE_CHECKING:
     from flexbt_common.runtime import RosClock
 
@@ -95,7 +97,7 @@ class EventLog:
             self._lose(1)
             return
         stamp = self._clock.stamp()
-        seconds = round(stamp.sec + stamp.nanosec * 1e-9, 6)
+        seconds = round(seconds_of(stamp), 6)
         self._queue.put({'time': round(time.time(), 6), 'stamp': seconds, 'event': event, **fields})
 
     def close(self) -> None:

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 
+from flexbt_common.values import time_of_nanoseconds
 from flexbt_core.state_machine import ROOT_PATH, Progress
 from flexbt_msgs.msg import ActiveState, AutonomyLevel, CommandResult, ExecutiveStatus, PeerStatus, PendingDecision
 from flexbt_msgs.msg import Progress as ProgressMessage
@@ -74,7 +74,7 @@ def status_of(
 def _active_state(leaf: ActiveLeaf) -> ActiveState:
     return ActiveState(
         path=leaf.path,
-        entered=_time(leaf.entered),
+        entered=time_of_nanoseconds(leaf.entered),
         paused=leaf.is_paused,
         not_paused=list(leaf.not_paused),
         activity=[*leaf.held_back, *leaf.activity],
@@ -103,14 +103,9 @@ def _decision(decision: RunDecision, gone: Sequence[str]) -> PendingDecision:
         outcomes=list(decision.outcomes),
         required_autonomy=decision.required_autonomy,
         prompt='; '.join(filter(None, [decision.prompt, *missing])),
-        since=_time(decision.since),
+        since=time_of_nanoseconds(decision.since),
     )
 
 
 def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
     return [AutonomyLevel(path=path, level=level) for path, level in sorted(levels.items()) if path != ROOT_PATH]
-
-
-def _time(nanoseconds: int) -> Time:
-    seconds, rest = divmod(nanoseconds, 10**9)
-    return Time(sec=seconds, nanosec=rest)

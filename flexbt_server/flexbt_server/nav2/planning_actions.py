@@ -17,7 +17,7 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, seconds_of
 from flexbt_core.behavior_tree import NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED
 from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, POSE_STAMPED, POSES, ActionLeaf
@@ -134,7 +134,7 @@ class SmoothPath(ActionLeaf):
     def on_success(self, result: Any) -> NodeStatus:
         self.set_output('smoothed_path', result.path)
         took = result.smoothing_duration
-        self.set_output('smoothing_duration', took.sec + 1e-9 * took.nanosec)
+        self.set_output('smoothing_duration', seconds_of(took))
         self.set_output('was_completed', result.was_completed)
         return NodeStatus.SUCCESS
 

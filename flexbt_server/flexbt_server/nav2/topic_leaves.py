@@ -12,6 +12,7 @@ from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import seconds_of
 from flexbt_core.behavior_tree import (
     Condition,
     NodeConfig,
@@ -134,7 +135,7 @@ class _Acceleration:
 
     def _hear(self, odometry: Any) -> None:
         stamp = odometry.header.stamp
-        now, speed = stamp.sec + 1e-9 * stamp.nanosec, odometry.twist.twist.linear.x
+        now, speed = seconds_of(stamp), odometry.twist.twist.linear.x
         if self._before is not None and now > self._before[0]:
             self.value = (speed - self._before[1]) / (now - self._before[0])
         self._before = now, speed

@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.msg import Route
 from nav_msgs.msg import Path
 
-from flexbt_common.values import message_type_name, text_to_value
+from flexbt_common.values import message_type_name, text_to_value, time_of_nanoseconds
 from flexbt_core.behavior_tree import ConversionError, PortType
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
@@ -46,16 +46,11 @@ def message_type(message: type[Any], from_pieces: Callable[[list[str]], Any] | N
     return PortType(name, message, 'object', from_text)
 
 
-def _stamp(nanoseconds: str) -> Time:
-    seconds, rest = divmod(int(nanoseconds), 1_000_000_000)
-    return Time(sec=seconds, nanosec=rest)
-
-
 def _pose(pieces: list[str]) -> PoseStamped:
     if len(pieces) != _POSE_FIELDS:
         raise ValueError(f'{len(pieces)} fields; expected stamp;frame;x;y;z;qx;qy;qz;qw')
     pose = PoseStamped()
-    pose.header.stamp = _stamp(pieces[0])
+    pose.header.stamp = time_of_nanoseconds(int(pieces[0]))
     pose.header.frame_id = pieces[1]
     position, orientation = pose.pose.position, pose.pose.orientation
     position.x, position.y, position.z = map(float, pieces[2:5])
@@ -71,7 +66,7 @@ def _poses(pieces: list[str]) -> list[PoseStamped]:
 
 def _path(pieces: list[str]) -> Path:
     path = Path(poses=_poses(pieces[_PATH_HEADER_FIELDS:]))
-    path.header.stamp = _stamp(pieces[0])
+    path.header.stamp = time_of_nanoseconds(int(pieces[0]))
     path.header.frame_id = pieces[1]
     return path
 

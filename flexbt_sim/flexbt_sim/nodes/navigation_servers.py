@@ -23,11 +23,10 @@ from flexbt_common import names
 from flexbt_common.calls import goal_servers
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import Hang, NodeRuntime, run_node
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
-from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.route_server import RouteServer
 from flexbt_sim.server_common import (
     GoalEnd,

@@ -13,10 +13,10 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, seconds_of
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Costmap, Smoothing, smooth_path
-from flexbt_sim.ros_messages import pose_message, seconds_of
+from flexbt_sim.ros_messages import pose_message
 from flexbt_sim.server_common import (
     CANCELED,
     SUCCEEDED,

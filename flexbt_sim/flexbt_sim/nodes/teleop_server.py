@@ -15,9 +15,8 @@ from std_msgs.msg import Empty
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, seconds_of
 from flexbt_sim.navigation import STOP, AssistedTeleop, Velocity
-from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.server_common import MotionArbiter, MotionServer, NavigationParameters
 
 COMMAND_SECONDS: Final = 0.5

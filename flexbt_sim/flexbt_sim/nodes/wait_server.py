@@ -12,9 +12,8 @@ from nav2_msgs.action import Wait
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, seconds_of
 from flexbt_core.clock import Timer
-from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.server_common import CANCELED, SUCCEEDED, GoalEnd, finish
 
 FEEDBACK_SECONDS: Final = 0.5

@@ -35,11 +35,11 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformBuffer, take_transforms
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation
-from flexbt_sim.ros_messages import grid_info, seconds_of
+from flexbt_sim.ros_messages import grid_info
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
 from .frames import MapFrame, asked_pose

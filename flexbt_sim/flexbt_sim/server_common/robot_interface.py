@@ -13,12 +13,12 @@ from nav_msgs.msg import OccupancyGrid
 from flexbt_common import names
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Velocity
-from flexbt_sim.ros_messages import map_of, seconds_of
+from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import Pose
 
 from .action_results import GoalEnd

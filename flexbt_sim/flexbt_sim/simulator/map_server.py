@@ -17,9 +17,9 @@ from nav_msgs.srv import GetMap
 from flexbt_common import names
 from flexbt_common.lifecycle import LifecycleServices
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.ros_messages import grid_message, time_message
+from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.world import OccupancyMap, load_map
 
 MAP_SERVER: Final = 'map_server'

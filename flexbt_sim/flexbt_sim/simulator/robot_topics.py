@@ -27,11 +27,11 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.lifecycle import LifecycleServices
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import check_limits
+from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import faults_message
-from flexbt_sim.ros_messages import pose_of, time_message, transform
+from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
 from .description import robot_description

@@ -15,9 +15,9 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.transforms import TransformListener, transformed
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, time_message
 from flexbt_msgs.srv import SetFault
-from flexbt_sim.ros_messages import pose_of, time_message, transform
+from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import Pose
 from flexbt_testing.nodes.sim_world import FAST, Probe, aborted, line, open_world, pose
 from flexbt_testing.waiting import wait_until

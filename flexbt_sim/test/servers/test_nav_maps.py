@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_sim.ros_messages import grid_message, time_message
+from flexbt_common.values import time_message
+from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
 from flexbt_testing.nodes.sim_world import (

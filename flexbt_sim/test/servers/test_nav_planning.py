@@ -15,7 +15,8 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.ros_messages import pose_of, seconds_of
+from flexbt_common.values import seconds_of
+from flexbt_sim.ros_messages import pose_of
 from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, OFFICE, Probe, aborted, open_world, pose
 
 Result = ComputePathToPose.Result

@@ -14,7 +14,7 @@ from std_msgs.msg import Empty
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_sim.ros_messages import seconds_of
+from flexbt_common.values import seconds_of
 from flexbt_testing.nodes.sim_world import DOCK, Probe, aborted, open_world
 
 Result = AssistedTeleop.Result

@@ -10,8 +10,8 @@ from nav2_msgs.action import FollowPath
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
+from flexbt_common.values import seconds_of
 from flexbt_sim.nodes import Navigation
-from flexbt_sim.ros_messages import seconds_of
 from flexbt_sim.simulation import Simulation
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel

@@ -10,8 +10,7 @@ from builtin_interfaces.msg import Duration
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_common.values import duration_message
-from flexbt_sim.ros_messages import seconds_of
+from flexbt_common.values import duration_message, seconds_of
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
 
 

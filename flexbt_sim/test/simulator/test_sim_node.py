@@ -24,7 +24,8 @@ from flexbt_common import names
 from flexbt_common.calls import GoalServer, GoalStatus, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformBuffer, take_transforms
-from flexbt_sim.ros_messages import map_of, pose_of, seconds_of
+from flexbt_common.values import seconds_of
+from flexbt_sim.ros_messages import map_of, pose_of
 from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_sim.world import DriveModel, load_map
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
