@@ -7,6 +7,7 @@ from .completion import candidates
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
 from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
 from .registry import COMMANDS, SCAN_PERIOD, build, find
+from .shell_completion import TypedLine, as_typed, completion_script, read_line, shell_words
 from .spec import (
     DECISION,
     Answers,
@@ -48,11 +49,14 @@ __all__ = [
     'Show',
     'Shown',
     'Typed',
+    'TypedLine',
+    'as_typed',
     'autonomy_level',
     'build',
     'candidates',
     'check',
     'command_help',
+    'completion_script',
     'find',
     'full_namespace',
     'load_places',
@@ -61,6 +65,8 @@ __all__ = [
     'port_number',
     'prompt_command_help',
     'prompt_help',
+    'read_line',
+    'shell_words',
     'start_input',
     'value_text',
 ]

@@ -12,7 +12,7 @@ from flexbt_console.errors import UsageError
 from flexbt_console.mirror import LOST_SECONDS
 from flexbt_core.values import excerpt, hint, shown
 
-from .registry import COMMANDS, find
+from .registry import COMMANDS, find, robot_names
 from .spec import CommandLine, CommandSpec, Option, Read, seconds
 
 COMMON_OPTIONS: Final = (
@@ -20,7 +20,7 @@ COMMON_OPTIONS: Final = (
     Option('--timeout', 'how long to wait for the executive and its answer (default 5)', 'SECONDS', read=seconds),
     Option('--operator', 'who gives the command (default: FLEXBT_OPERATOR, or user@host)', 'NAME'),
     Option('--observer', 'only see: give no commands, and be nobody to the executive (a role of its own in a policy)'),
-    Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME'),
+    Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME', values=robot_names),
     Option(
         '--places',
         'YAML file of places beside those of the robot (default: FLEXBT_PLACES, or the parameter "places")',

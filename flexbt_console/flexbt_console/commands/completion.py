@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from flexbt_console.mirror import View
 
 from .registry import COMMANDS, find, short_answers
-from .spec import CommandSpec, Typed
+from .spec import CommandSpec, Option, Typed
 
 BUILT_IN = ('help', 'quit')
 """Commands of the prompt itself."""
@@ -36,7 +36,14 @@ def _words(before: list[str], last: str, view: View) -> Iterable[str]:
 
 
 def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterable[str]:
-    options = {option.name: option for option in spec.options if option.in_prompt}
+    return next_words(spec, given, last, [option for option in spec.options if option.in_prompt], view)[0]
+
+
+def next_words(
+    spec: CommandSpec, given: list[str], last: str, known: Iterable[Option], view: View, robots: tuple[str, ...] = ()
+) -> tuple[Iterable[str], bool]:
+    """The words that may come next behind a command with these options, and whether the robot may know some."""
+    options = {option.name: option for option in known}
     words: list[str] = []
     expecting = None
     for word in given:
@@ -44,19 +51,23 @@ def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterab
             expecting = None
         elif word in options:
             expecting = options[word] if options[word].value is not None else None
-        else:
+        elif not word.startswith('--'):
             words.append(word)
-    typed = Typed(spec.joined(words), view)
+    typed = Typed(spec.joined(words), view, robots)
     if expecting is not None:
-        return _single(expecting.values(typed)) if expecting.values is not None else ()
+        values = list(_single(expecting.values(typed))) if expecting.values is not None else []
+        return values, expecting.values is not None and not values
     found: list[str] = []
-    for argument in spec.arguments_at(len(typed.words)):
+    at = spec.arguments_at(len(typed.words))
+    for argument in at:
         if argument.values is not None:
             found += argument.values(typed) if argument.spaced else _single(argument.values(typed))
     if spec.is_spaced and len(typed.words) == 1 and spec.arguments[0].values is not None:
         begun = f'{typed.words[0]} '
         found += [name.removeprefix(begun) for name in spec.arguments[0].values(typed) if name.startswith(begun)]
-    return [*found, *options] if last.startswith('-') else found
+    if last.startswith('-'):
+        return [*found, *options], False
+    return found, not found and any(argument.values is not None for argument in at)
 
 
 def _single(words: Iterable[str]) -> Iterable[str]:

@@ -19,6 +19,9 @@ from flexbt_core.values import hint, shown
 MOST_CELLS: Final = 1000
 """Columns, and rows, of a picture in cells."""
 
+SHELLS: Final = ('bash', 'zsh')
+"""Those in which Tab completes."""
+
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 
 
@@ -242,3 +245,14 @@ def map_size(text: str) -> tuple[int, int]:
         if 8 <= size[0] <= MOST_CELLS and 4 <= size[1] <= MOST_CELLS:
             return size
     raise UsageError(f'{shown(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_CELLS}x{MOST_CELLS}')
+
+
+def shell_name(text: str) -> str:
+    """Read the name of a shell.
+
+    Raises:
+        UsageError: it is another one.
+    """
+    if text not in SHELLS:
+        raise UsageError(f'{shown(text)}: expected {" or ".join(SHELLS)}')
+    return text

@@ -43,6 +43,7 @@ from flexbt_core.values import one_line
 
 from .command_builder import CommandBuilder
 from .operator_values import (
+    SHELLS,
     assignment,
     autonomy_level,
     capability_text,
@@ -51,6 +52,7 @@ from .operator_values import (
     map_size,
     port_number,
     retry_count,
+    shell_name,
     start_input,
 )
 from .spec import (
@@ -133,6 +135,16 @@ def _input_requests(typed: Typed) -> Iterable[str]:
 
 def _requesters(typed: Typed) -> Iterable[str]:
     return typed.view.snapshot.authority_requests if typed.view.snapshot else ()
+
+
+def _userdata_paths(typed: Typed) -> Iterable[str]:
+    structure = typed.view.structure
+    return (state.path for state in structure.states if state.children) if structure else ()
+
+
+def robot_names(typed: Typed) -> Iterable[str]:
+    """The namespaces of the robots of the domain."""
+    return typed.robots
 
 
 def short_answers(typed: Typed) -> Iterable[str]:
@@ -376,7 +388,9 @@ _SCAN_PERIOD = Option(
     read=seconds,
 )
 _SLOW_LINK = Option('--slow-link', 'show no scan: it and the transforms are most of what comes over the link')
-_ROBOT = Option('--robot', 'namespace of a robot (default: every robot that is found)', 'NAME', repeated=True)
+_ROBOT = Option(
+    '--robot', 'namespace of a robot (default: every robot that is found)', 'NAME', repeated=True, values=robot_names
+)
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'end the waiting after so long (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
@@ -442,7 +456,7 @@ COMMANDS: Final = (
         'userdata',
         'show what the states of the run have handed to each other',
         Ask(_ask_userdata),
-        (Argument('PATH', required=False), Argument('KEY', required=False, repeated=True)),
+        (Argument('PATH', required=False, values=_userdata_paths), Argument('KEY', required=False, repeated=True)),
         details=(
             'The values of every active machine, by the names of their keys in it; of the machine PATH only, "/" for '
             'the outermost, and of the KEYs only, when these are given. It is read between two steps of the run.',
@@ -761,6 +775,18 @@ COMMANDS: Final = (
         (Argument('FILE'),),
         link=LinkNeed.NONE,
         details=('Nothing is published; the executable `replay` publishes a recording for other consoles.',),
+    ),
+    CommandSpec(
+        'completion',
+        'print what makes Tab complete the words of console in a shell',
+        Mode.COMPLETION,
+        (Argument('SHELL', values=lambda typed: SHELLS, read=shell_name),),
+        (Option('--line', 'print the words that the last one of this line may become, as the shell asks', 'TEXT'),),
+        details=(
+            'In bash: . <(console completion bash); in zsh: . <(console completion zsh); in ~/.bashrc or ~/.zshrc for '
+            'every shell. Names of behaviors, states, decisions and robots are asked of the robot, for 1.5 s at most.',
+        ),
+        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'prompt',

@@ -32,6 +32,7 @@ class Typed(NamedTuple):
 
     words: tuple[str, ...]
     view: View
+    robots: tuple[str, ...] = ()
 
 
 Values = Callable[[Typed], Iterable[str]]
@@ -214,6 +215,7 @@ class Mode(Enum):
     WEB = 'web'
     ROBOTS = 'robots'
     REPLAY = 'replay'
+    COMPLETION = 'completion'
 
 
 @dataclass(frozen=True, slots=True)

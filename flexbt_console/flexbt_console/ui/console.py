@@ -26,17 +26,22 @@ from flexbt_console.commands import (
     CommandBuilder,
     CommandLine,
     Mode,
+    TypedLine,
+    as_typed,
     check,
     command_help,
+    completion_script,
     find,
     full_namespace,
     load_places,
     overview,
     parse,
     port_number,
+    read_line,
+    shell_words,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
-from flexbt_console.mirror import LOST_SECONDS, Fleet, Mirror, Pose
+from flexbt_console.mirror import LOST_SECONDS, Fleet, LinkState, Mirror, Pose, View
 from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
 from flexbt_core.values import lines
 
@@ -50,6 +55,9 @@ DEFAULT_TIMEOUT = 5.0
 
 _INTERACTIVE = {Mode.PROMPT: 'prompt_toolkit', Mode.SCREEN: 'textual'}
 """The modes that need a terminal, and the library of each."""
+
+COMPLETION_SECONDS = 1.5
+"""What completes a word waits so long for the robot."""
 
 DEFAULT_PORT = 8465
 """Of the page."""
@@ -119,6 +127,8 @@ def _run(line: CommandLine) -> ExitCode:
         return _run_screen_in_browser(line)
     if line.spec is not None and line.spec.action is Mode.REPLAY:
         return _run_replay(line)
+    if line.spec is not None and line.spec.action is Mode.COMPLETION:
+        return _complete(line)
     if line.spec is not None and line.spec.action in _INTERACTIVE:
         return _run_interactive(line, _INTERACTIVE[line.spec.action])
     from .line import Session, list_robots, run
@@ -130,6 +140,44 @@ def _run(line: CommandLine) -> ExitCode:
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link, make = _parts(line, runtime)
         return run(Session(mirror, link, make, line, _timeout(line)))
+
+
+def _complete(line: CommandLine) -> ExitCode:
+    shell = line.first_word
+    if not line.has('--line'):
+        print(completion_script(shell), end='')
+        return ExitCode.OK
+    typed = read_line(line.value('--line'))
+    if typed is None:
+        return ExitCode.OK
+    words, asks = shell_words(typed, View(LinkState.LOST, None))
+    if asks:
+        words, _ = shell_words(typed, *_known_of_robots(typed))
+    for word in as_typed(words, typed, shell):
+        print(word)
+    return ExitCode.OK
+
+
+def _known_of_robots(typed: TypedLine) -> tuple[View, tuple[str, ...]]:
+    """The picture of the robot that a line is for, or which robots there are, if its name is what is typed."""
+    named = {'--namespace': [typed.namespace]} if typed.namespace and not typed.names_robot else {}
+    line = CommandLine(None, options={**named, '--observer': []})
+
+    def is_known(view: View) -> bool | None:
+        is_idle = view.snapshot is not None and not view.snapshot.run_id
+        return (view.live and view.behaviors is not None and (is_idle or view.structure is not None)) or None
+
+    keep_stdout_for_python()
+    with _open_runtime(line) as runtime:
+        if typed.names_robot:
+            fleet = _fleet(line, runtime, None).fleet
+            found = threading.Event()
+            fleet.add_listener(found.set)
+            found.wait(COMPLETION_SECONDS)
+            return View(LinkState.LOST, None), tuple(fleet.names)
+        mirror, link, _ = _parts(line, runtime)
+        link.wait_for(is_known, COMPLETION_SECONDS)
+        return mirror.view(), ()
 
 
 def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
