@@ -15,7 +15,7 @@ from flexbt_sim.world import Pose, drive, wrap
 
 from .collision_monitor import slowed
 from .costmap import Costmap
-from .motions import LOOK_AHEAD, LOOK_AHEAD_STEP, STOP, TurnLimits, Velocity, collides
+from .motions import LOOK_AHEAD, LOOK_AHEAD_STEP, STOP, KeepingApart, TurnLimits, Velocity, collides
 
 SPIN_LIMITS: Final = TurnLimits(minimum=0.4, maximum=1.0, acceleration=3.2)
 """Nav2's min_rotational_vel, max_rotational_vel and rotational_acc_lim."""
@@ -40,6 +40,14 @@ class _Timed:
             raise NavigationError('TIMEOUT', f'not complete within the allowance of {self._allowance:g} s')
 
 
+def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity:
+    """Raises NavigationError COLLISION_AHEAD when something that may move is too near."""
+    limited = apart.limited(costmap, pose, velocity, now)
+    if limited is None:
+        raise NavigationError('COLLISION_AHEAD', 'something that may move is beside the robot')
+    return limited
+
+
 class SpinMotion:
     """Turns on the spot by an angle, rad; ``turned`` so far."""
 
@@ -48,6 +56,7 @@ class SpinMotion:
         self._costmap = costmap
         self._limits = limits
         self._time = _Timed(allowance)
+        self._apart = KeepingApart(limits.maximum * costmap.inflation.outer_radius)
         self._last: float | None = None
         self.turned = 0.0
 
@@ -70,7 +79,7 @@ class SpinMotion:
         ahead = (drive(pose, 0.0, angular, seconds * step / steps) for step in range(steps + 1))
         if any(map(self._costmap.in_collision, ahead)):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of turning')
-        return Velocity(0.0, angular)
+        return _kept_apart(self._apart, self._costmap, pose, Velocity(0.0, angular), now)
 
     def update(self, costmap: Costmap) -> None:
         self._costmap = costmap
@@ -89,6 +98,7 @@ class DriveMotion:
         self._speed = speed
         self._costmap = costmap
         self._time = _Timed(allowance)
+        self._apart = KeepingApart(abs(speed))
         self._start: Pose | None = None
         self.driven = 0.0
 
@@ -104,7 +114,7 @@ class DriveMotion:
         seconds = min(LOOK_AHEAD, remaining / abs(self._speed) + ROLL_TIME)
         if collides(self._costmap, pose, velocity, seconds):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
-        return velocity
+        return _kept_apart(self._apart, self._costmap, pose, velocity, now)
 
     def update(self, costmap: Costmap) -> None:
         self._costmap = costmap

@@ -6,6 +6,7 @@ velocity whenever a new pose is known.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
@@ -18,6 +19,21 @@ LOOK_AHEAD: Final = 2.0
 
 LOOK_AHEAD_STEP: Final = 0.1
 """Time, s, from one collision check to the next, where that is less than a cell of driving."""
+
+
+SIDE_GAP: Final = 0.03
+SIDE_TIME: Final = 0.4
+"""What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
+
+AWAY: Final = 0.25
+"""From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
+near for each metre that its corners swing, when it is no circle and turns."""
+
+SAME_GAP: Final = 1e-6
+"""Gaps, m, that differ by no more are the same: headings and distances are rounded."""
+
+FASTEST: Final = 1.0
+"""Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
 
 class Velocity(NamedTuple):
@@ -79,3 +95,56 @@ def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -
         if overlap > 0.0 and overlap >= (costmap.overlap(pose) if before is None else before):
             return True
     return False
+
+
+class Sight(NamedTuple):
+    """Gap, m, to what was seen, at a pose and a time, s."""
+
+    time: float
+    pose: Pose
+    gap: float
+
+
+class KeepingApart:
+    """Keeps a robot that moves apart from what was seen and may move; ``top_speed`` is its own, m/s.
+
+    Look-ahead finds what is on the arc. This finds what comes from the side, between two scans.
+    """
+
+    def __init__(self, top_speed: float) -> None:
+        self._reach = SIDE_GAP + SIDE_TIME * (top_speed + FASTEST)
+        self._sights: deque[Sight] = deque()
+
+    def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity | None:
+        """Slower on the same arc where the robot comes nearer to something that may move; None when it is near.
+
+        For what comes nearer by itself the robot stops earlier, by as much as that may move until the robot stands,
+        and waits.
+        """
+        inflation = costmap.inflation
+        here = costmap.gap_seen(pose, self._reach)
+        closing = self._closing_speed(costmap, pose, here, now)
+        swing = abs(velocity.angular) * inflation.outer_radius if inflation.corners else 0.0
+        speed = abs(velocity.linear) + swing
+        if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
+            return velocity
+        ahead = costmap.gap_seen(drive(pose, *velocity, SIDE_TIME / 2.0), self._reach)
+        escape = max(closing, AWAY * (speed if here < 0.0 else swing)) * SIDE_TIME / 2.0
+        if ahead >= here + escape - SAME_GAP:
+            return velocity
+        share = (here - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * speed)
+        if share > 0.0:
+            return Velocity(velocity.linear * min(1.0, share), velocity.angular * min(1.0, share))
+        return STOP if closing > 0.0 else None
+
+    def _closing_speed(self, costmap: Costmap, pose: Pose, here: float, now: float) -> float:
+        """How fast, m/s, what was seen has come nearer to where the robot was a moment ago: by its own motion."""
+        sights = self._sights
+        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
+            sights.popleft()
+        sights.append(Sight(now, pose, min(here, self._reach)))
+        if here == math.inf:
+            return 0.0
+        then = sights[0]
+        nearer = then.gap - min(self._reach, costmap.gap_seen(then.pose, self._reach))
+        return min(FASTEST, max(0.0, nearer - costmap.world.resolution) / SIDE_TIME)

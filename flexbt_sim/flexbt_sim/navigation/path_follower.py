@@ -7,19 +7,18 @@ The rules are those of Nav2's regulated pure pursuit controller, with speeds tha
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, compose, drive, wrap
+from flexbt_sim.world import Pose, compose, wrap
 
 from .costmap import Costmap
-from .motions import STOP, TurnLimits, Velocity, collides
+from .motions import STOP, KeepingApart, TurnLimits, Velocity, collides
 from .track import Track
 
 SEARCH_DISTANCE: Final = 1.5
@@ -27,20 +26,6 @@ SEARCH_DISTANCE: Final = 1.5
 
 JOIN_DISTANCE: Final = 0.25
 """How much nearer, m, a later part of a new path has to be for the robot to join it there."""
-
-SIDE_GAP: Final = 0.03
-SIDE_TIME: Final = 0.4
-"""What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
-
-AWAY: Final = 0.25
-"""From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
-near for each metre that its corners swing, when it is no circle and turns."""
-
-SAME_GAP: Final = 1e-6
-"""Gaps, m, that differ by no more are the same: headings and distances are rounded."""
-
-FASTEST: Final = 1.0
-"""Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
 HELD_UP: Final = 0.5
 """Time, s, from one check to the next that counts as driven at most: ten periods of a controller."""
@@ -83,14 +68,6 @@ class FollowerLimits:
     patience: float = 0.3
     collision_time: float = 1.0
     turning_radius: float = 0.0
-
-
-class Sight(NamedTuple):
-    """Gap, m, to what was seen, at a pose and a time, s."""
-
-    time: float
-    pose: Pose
-    gap: float
 
 
 class ProgressChecker:
@@ -176,7 +153,7 @@ class PathFollower:
         self._has_begun = False
         self._at_goal = False
         self._blocked_since: float | None = None if before is None else before._blocked_since
-        self._sights: deque[Sight] = deque() if before is None else before._sights
+        self._apart: KeepingApart = KeepingApart(limits.speed) if before is None else before._apart
         self.speed: float = 0.0 if before is None else before.speed
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""
@@ -212,7 +189,11 @@ class PathFollower:
                 )
             turn = self._turn_by(angle)
             seconds = min(limits.collision_time, abs(angle / turn.angular))
-            velocity = None if collides(self._costmap, pose, turn, seconds) else self._kept_apart(pose, turn, now)
+            velocity = (
+                None
+                if collides(self._costmap, pose, turn, seconds)
+                else self._apart.limited(self._costmap, pose, turn, now)
+            )
         else:
             velocity = self._pursue(pose, now)
         if velocity is None:
@@ -254,7 +235,7 @@ class PathFollower:
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
             velocity = self._towards(pose, carrot)
             if not self._is_blocked(pose, carrot, velocity):
-                return self._kept_apart(pose, velocity, now)
+                return self._apart.limited(self._costmap, pose, velocity, now)
             if not self._is_free_until(end):
                 return None
             reach /= 2.0
@@ -286,41 +267,6 @@ class PathFollower:
             speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
         return Velocity(speed, angular)
-
-    def _kept_apart(self, pose: Pose, velocity: Velocity, now: float) -> Velocity | None:
-        """Slower on the same arc where the robot comes nearer to something that may move; not at all when it is near.
-
-        Look-ahead finds what is on the arc. This finds what comes from the side, between two scans. For what comes
-        nearer by itself the robot stops earlier, by as much as that may move until the robot stands, and waits.
-        """
-        inflation = self._costmap.inflation
-        reach = SIDE_GAP + SIDE_TIME * (self._limits.speed + FASTEST)
-        here = self._costmap.gap_seen(pose, reach)
-        closing = self._closing_speed(pose, here, reach, now)
-        swing = abs(velocity.angular) * inflation.outer_radius if inflation.corners else 0.0
-        speed = velocity.linear + swing
-        if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
-            return velocity
-        ahead = self._costmap.gap_seen(drive(pose, *velocity, SIDE_TIME / 2.0), reach)
-        escape = max(closing, AWAY * (speed if here < 0.0 else swing)) * SIDE_TIME / 2.0
-        if ahead >= here + escape - SAME_GAP:
-            return velocity
-        share = (here - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * speed)
-        if share > 0.0:
-            return Velocity(velocity.linear * min(1.0, share), velocity.angular * min(1.0, share))
-        return STOP if closing > 0.0 else None
-
-    def _closing_speed(self, pose: Pose, here: float, reach: float, now: float) -> float:
-        """How fast, m/s, what was seen has come nearer to where the robot was a moment ago: by its own motion."""
-        sights = self._sights
-        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
-            sights.popleft()
-        sights.append(Sight(now, pose, min(here, reach)))
-        if here == math.inf:
-            return 0.0
-        then = sights[0]
-        nearer = then.gap - min(reach, self._costmap.gap_seen(then.pose, reach))
-        return min(FASTEST, max(0.0, nearer - self._costmap.world.resolution) / SIDE_TIME)
 
     def _turn_by(self, angle: float) -> Velocity:
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy
@@ -21,12 +22,26 @@ from flexbt_sim.navigation import (
     Costmap,
     DriveMotion,
     Inflation,
+    LayeredCostmap,
     Motion,
+    Observation,
     SpinMotion,
     Velocity,
     collides,
 )
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import (
+    Circle,
+    LidarModel,
+    ObstacleModel,
+    OccupancyMap,
+    Pose,
+    RobotModel,
+    RouteModel,
+    World,
+    box,
+    compose,
+    drive,
+)
 
 OPEN = drawn(*['.' * 120] * 120)
 CENTRE = Pose(3.0, 3.0, 2.0)
@@ -230,3 +245,40 @@ def test_a_predicted_collision_is_one(data: st.DataObject, world: OccupancyMap, 
     else:
         assert inside
         assert distances.min() >= RADIUS - world.resolution**2 / (8.0 * RADIUS) - 1e-3
+
+
+@pytest.mark.parametrize(
+    ('bearing', 'aim', 'speed', 'begin'),
+    [
+        (-2.305, (-0.105, 0.208), 0.5, 0.61),
+        (1.882, (-0.016, -0.355), 0.3, 0.58),
+        (-2.084, (0.057, 0.207), 0.5, 1.33),
+        (0.893, (0.19, 0.256), 0.4, 1.86),
+        (1.516, (0.196, -0.308), 0.5, 1.18),
+    ],
+)
+def test_a_robot_that_is_no_circle_and_turns_touches_nobody_who_comes(
+    bearing: float, aim: tuple[float, float], speed: float, begin: float
+) -> None:
+    """Its corners swing while somebody comes from 1.5 m away."""
+    model = RobotModel(footprint=box(0.6, 0.4), lidar=LidarModel(beams=180))
+    world = World(OPEN)
+    robot = world.add('robot', model, Pose(3.0, 3.0, 0.0))
+    robot.is_scanning = True
+    start = drive(Pose(3.0, 3.0, bearing), 1.5, 0.0, 1.0)
+    there = (6.0 + 2.0 * aim[0] - start.x, 6.0 + 2.0 * aim[1] - start.y)
+    walk = RouteModel(waypoints=(there, start[:2]), speed=speed)
+    world.add('walker', ObstacleModel(Pose(start.x, start.y, 0.0), Circle(0.2), route=walk))
+    layers = LayeredCostmap(Costmap(OPEN, Inflation.of(model.footprint)), window=3.0)
+    motion = SpinMotion(math.tau, 20.0, layers.costmap)
+    lidar, seen = LidarModel(beams=180), 0.0
+    angles = lidar.angle_min + lidar.angle_increment * numpy.arange(lidar.beams, dtype=numpy.float64)
+    with contextlib.suppress(NavigationError):
+        while (velocity := STOP if world.time < begin else motion.step(robot.pose, world.time)) is not None:
+            robot.command(*velocity, world.time)
+            world.step(0.05)
+            if robot.scan is not None and robot.scan.time > seen:
+                seen, ranges = robot.scan.time, robot.scan.ranges.astype(numpy.float64)
+                layers.observe(Observation(compose(robot.pose, lidar.pose), angles, ranges), robot.pose)
+    world.step(0.5)
+    assert robot.contacts == 0
