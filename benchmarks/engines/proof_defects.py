@@ -198,8 +198,8 @@ DELIVER: Final = Mission(
         'after dock > FAILURE, dock before the end, up to 3 times',
         'after there/drive > FAILURE, there/clear before the end, up to 1 time',
         'after home/drive > FAILURE, home/clear before the end, up to 1 time',
-        'there/plan at most 1 time in 1 s',
-        'home/plan at most 1 time in 1 s',
+        'there/plan at most 2 times in 1 s',
+        'home/plan at most 2 times in 1 s',
     ),
 )
 MISSIONS: Final = (FETCH, DELIVER)

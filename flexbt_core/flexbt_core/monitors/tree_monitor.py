@@ -7,7 +7,6 @@ and ``on_halted``. All other nodes are as they were, so a tick costs more only b
 
 from __future__ import annotations
 
-import functools
 import types
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -22,7 +21,7 @@ from flexbt_core.behavior_tree import (
     UnfinishedWork,
     node_skill,
 )
-from flexbt_core.behavior_tree.engine import ControlNode, LeafNode
+from flexbt_core.behavior_tree.engine import ControlNode, LeafNode, kept_by_class
 from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS
 
 from .properties import Property, Violation, shared_actuators
@@ -243,7 +242,7 @@ class TreeMonitor:
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
 
 
-@functools.cache
+@kept_by_class
 def _watched_action(plain: Any) -> type[Any]:
     def on_start(self: Any) -> NodeStatus:
         monitor = self.context.monitor
@@ -268,7 +267,7 @@ def _watched_action(plain: Any) -> type[Any]:
     return _derived(plain, {'on_start': on_start, 'on_running': on_running, 'on_halted': on_halted})
 
 
-@functools.cache
+@kept_by_class
 def _watched_leaf(plain: Any) -> type[Any]:
     def execute(self: Any) -> NodeStatus:
         status: NodeStatus = plain.execute(self)

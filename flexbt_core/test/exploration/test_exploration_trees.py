@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import pytest
 
 from flexbt_core.behavior_tree import (
@@ -372,3 +375,9 @@ def test_fewer_attempts_or_more_often_than_is_required_is_found(
     assert replay(lambda: system(wrong, required), found.moves) and not replay(
         lambda: system(right, required), found.moves
     )
+
+
+def test_what_stands_for_the_leaves_goes_with_the_proof() -> None:
+    ends = [weakref.ref(type(node)) for node in system(RATE.format(2), 'never go > halted').tree.nodes[-2:]]
+    gc.collect()
+    assert [end() for end in ends] == [None, None]

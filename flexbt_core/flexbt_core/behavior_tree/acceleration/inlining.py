@@ -60,12 +60,14 @@ def inlined_methods(node_class: type[Any]) -> dict[str, types.FunctionType]:
     return methods
 
 
-@functools.cache
 def _inlined(function: types.FunctionType) -> types.FunctionType | None:
     """The function compiled anew, when it is of the engine and uses statuses, or calls a function that does."""
+    return _inlined_of_engine(function) if (function.__module__ or '').startswith(_PACKAGE) else None
+
+
+@functools.cache
+def _inlined_of_engine(function: types.FunctionType) -> types.FunctionType | None:
     known = function.__code__
-    if not (function.__module__ or '').startswith(_PACKAGE):
-        return None
     helpers = {
         name: helper
         for name in known.co_names

@@ -8,12 +8,11 @@ status log its methods are those of ``inlining``. Nothing else differs.
 
 from __future__ import annotations
 
-import functools
 import types
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.engine import Conditions, TreeNode
+from flexbt_core.behavior_tree.engine import Conditions, TreeNode, kept_by_class
 from flexbt_core.behavior_tree.observers import StatusLog
 
 from .inlining import inlined_methods
@@ -63,13 +62,13 @@ def _log_of(observers: Observers) -> Any:
     return observers[0].log if len(observers) == 1 and isinstance(observers[0], StatusLog) else None
 
 
-@functools.cache
+@kept_by_class
 def direct_class(plain: type[Any], halting: bool) -> type[Any]:
     """``plain`` with the slot itself as status. A node of it that is ``halting`` has a script that runs then."""
     return _derived(plain, halting, {'status': _SLOT})
 
 
-@functools.cache
+@kept_by_class
 def logging_class(plain: type[Any], halting: bool) -> type[Any]:
     """``plain`` with methods that write to the log of the tree."""
     return _derived(plain, halting, inlined_methods(plain))

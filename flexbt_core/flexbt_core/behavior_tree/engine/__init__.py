@@ -5,6 +5,7 @@ from .conditions import Conditions, NodeScript
 from .context import Tick, TreeContext, UnfinishedWork
 from .control import Control, ControlNode
 from .decorator import Decorator, DecoratorNode
+from .derived_classes import kept_by_class
 from .expanding import ExpandingAction
 from .leaf import Condition, Halted, LeafNode, StatefulAction, SyncAction
 from .node import NO_PORTS, NodeConfig, StatusObserver, TreeNode, node_path
@@ -45,5 +46,6 @@ __all__ = [
     'TreeNode',
     'UnfinishedWork',
     'halt_child',
+    'kept_by_class',
     'node_path',
 ]

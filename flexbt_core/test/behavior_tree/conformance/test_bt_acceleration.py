@@ -60,11 +60,11 @@ def test_a_file_that_was_replaced_meanwhile_is_not_compiled(monkeypatch: pytest.
         code = compile(text, str(decorators.__file__), 'exec', dont_inherit=True)
         monkeypatch.setattr(decorators.__loader__, 'get_source', lambda module: text)  # noqa: B023
         monkeypatch.setattr(decorators.__loader__, 'get_code', lambda module: code)  # noqa: B023
-        inlining._inlined.cache_clear()
+        inlining._inlined_of_engine.cache_clear()
         inlining._compiled.cache_clear()
         assert ('execute' in inlining.inlined_methods(decorators.Inverter)) is compiled
         assert 'execute' in inlining.inlined_methods(decorators.SubTree)
-    inlining._inlined.cache_clear()
+    inlining._inlined_of_engine.cache_clear()
     inlining._compiled.cache_clear()
 
 
