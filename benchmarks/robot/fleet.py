@@ -20,6 +20,10 @@ the time until all are live grows with the cube of their number (20 robots: 37 s
 localhost alone Fast DDS shows no more than 32 participants of a domain to each other. So there is a discovery server of
 Fast DDS, as a fleet would have, through which each hears of what it shares topics with; --simple does without it.
 
+Twenty robots with trees, on a machine that does nothing else; none is to be later than a period:
+
+    python3 benchmarks fleet --robots 20 --rounds 1 --trees --output out/bench/fleet_trees.json
+
 Usage: python3 benchmarks fleet [--robots N] [--rounds N] [--trees] [--simple] [--output FILE.json]
 """
 
