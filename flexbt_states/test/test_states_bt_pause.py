@@ -31,6 +31,7 @@ class TreeServer:
         self.knows = True
         self.refusal = ''
         self.not_paused: list[str] = []
+        self.not_ended: list[str] = []
         self.answers: bool = True
         self.commands: list[tuple[int, str]] = []
         self.owner = ''
@@ -61,7 +62,7 @@ class TreeServer:
 
     def tell(self) -> bool:
         """Sends feedback: the tree runs."""
-        feedback = BtExecute.Feedback(active_nodes=['main'])
+        feedback = BtExecute.Feedback(active_nodes=['main'], not_ended=self.not_ended)
         self.actions.runtime.call(lambda: self.handle.publish_feedback(feedback))
         return True
 
@@ -139,6 +140,26 @@ def test_a_tree_that_is_not_paused_is_told_to_the_operator(bench: StateBench) ->
     pause(run, True)
     wait_until(lambda: server.tell() and 'the tree was not paused: the brake is loose' in run.errors(), 'the warning')
     pause(run, False)
+    server.end()
+    assert run.wait() == 'done', run.lines
+
+
+def test_a_goal_that_its_server_does_not_end_is_told_to_the_operator(bench: StateBench) -> None:
+    server = TreeServer(bench)
+    run = start(bench, server)
+
+    def shown() -> list[str]:
+        return [line for leaf in run.behavior_run.snapshot.active for line in leaf.not_paused]
+
+    pause(run, True)
+    server.not_ended = ['spin: not ended']
+    wait_until(lambda: server.tell() and any('spin: not ended' in line for line in shown()), shown)
+    server.not_ended = []
+    wait_until(lambda: server.tell() and not shown(), shown)
+    pause(run, False)
+    wait_until(lambda: server.commands[-1:] == [(RESUME, server.run_id)], 'the resume')
+    server.not_ended = ['back_up: not ended']
+    wait_until(lambda: server.tell() and 'back_up: not ended' in run.errors(), run.errors)
     server.end()
     assert run.wait() == 'done', run.lines
 

@@ -72,7 +72,8 @@ class _ExecuteGoal(TreeGoal):
         return values
 
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        return feedback_of(running.id, tree, running.run.board, pose, self._speed.at(pose), seconds)
+        run = running.run
+        return feedback_of(running.id, tree, run.board, pose, self._speed.at(pose), seconds, run.not_ended)
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         board = self._boards.find(self.blackboard) if self.running is None else self.running.run.board

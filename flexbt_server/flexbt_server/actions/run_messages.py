@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
@@ -24,9 +25,17 @@ REASON_LIMIT: Final = 1000
 """Characters of a reason for people: a leaf may give any text."""
 
 
-def feedback_of(run_id: str, tree: Tree, board: Blackboard, pose: Any, speed: float, seconds: float) -> Any:
+def feedback_of(
+    run_id: str,
+    tree: Tree,
+    board: Blackboard,
+    pose: Any,
+    speed: float,
+    seconds: float,
+    not_ended: Sequence[str],
+) -> Any:
     """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
-    since the acceptance.
+    since the acceptance; ``not_ended``: canceled goals that go on.
     """
     recoveries = board.get_or(RECOVERIES_KEY, 0)
     distance = distance_along(board.get_or('path', None), pose)
@@ -41,6 +50,7 @@ def feedback_of(run_id: str, tree: Tree, board: Blackboard, pose: Any, speed: fl
         poses_remaining=min(len(poses), MOST_POSES) if poses else -1,
         goal=poses[-1] if poses else PoseStamped(),
         run_id=run_id,
+        not_ended=not_ended,
     )
 
 

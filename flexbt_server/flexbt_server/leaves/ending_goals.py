@@ -4,21 +4,28 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from itertools import islice
+from typing import Final
 
 from flexbt_core.clock import Clock, Timer
+
+_MOST_TOLD: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
 class EndingGoal:
     """A goal of the action ``action`` that was canceled, and of which ``resources`` are the actuators. ``server`` is
-    the action's full name, which trees may give in other ways, too."""
+    the action's full name, which trees may give in other ways, too; ``since`` is on the steady clock, ``time_of_day``
+    for people."""
 
     action: str
     server: str
     resources: frozenset[str]
     since: float
+    time_of_day: str
 
     @property
     def description(self) -> str:
@@ -44,13 +51,15 @@ class EndingGoals:
         self._warn = warn
         self._resolve = resolve
         self._alarms: dict[EndingGoal, Timer] = {}
-        self._overdue: set[EndingGoal] = set()
+        self._overdue: dict[EndingGoal, None] = {}
         self._waiting: set[Callable[[], None]] = set()
         self._lock = threading.Lock()
 
     def add(self, action: str, resources: Collection[str]) -> EndingGoal:
         """A goal was canceled; it is given to :meth:`remove` when it is known to have ended."""
-        goal = EndingGoal(action, self._resolve(action), frozenset(resources), self._steady.now())
+        goal = EndingGoal(
+            action, self._resolve(action), frozenset(resources), self._steady.now(), time.strftime('%H:%M:%S')
+        )
         with self._lock:
             self._alarms[goal] = self._steady.call_at(goal.since + self._patience, lambda: self._late(goal))
         return goal
@@ -60,12 +69,23 @@ class EndingGoals:
         with self._lock:
             self._alarms.pop(goal).cancel()
             was_overdue = goal in self._overdue
-            self._overdue.discard(goal)
+            self._overdue.pop(goal, None)
             waiting = tuple(self._waiting)
         if was_overdue:
             self._warn(f'{goal.action}: the goal has ended {self._steady.now() - goal.since:.1f} s after its cancel')
         for wake in waiting:
             wake()
+
+    def overdue(self) -> list[str]:
+        """What goes on although its server had its time to end it, and what to do, for a person; the 16 oldest."""
+        with self._lock:
+            goals = list(islice(self._overdue, _MOST_TOLD))
+        return [
+            f'{goal.action}: its server has not ended the goal that was canceled at {goal.time_of_day}, so '
+            f'{"the robot may move" if goal.resources else "what it does goes on"}; STOP keeps the robot at rest, and '
+            'restart the server if it hangs'
+            for goal in goals
+        ]
 
     def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
         """What has to end before a goal for this action with these actuators is sent."""
@@ -93,7 +113,7 @@ class EndingGoals:
         with self._lock:
             if goal not in self._alarms:
                 return
-            self._overdue.add(goal)
+            self._overdue[goal] = None
         held = ', '.join(sorted(goal.resources))
         self._warn(
             f'{goal.action}: its server has not ended the goal {self._patience:g} s after its cancel, so what it does '

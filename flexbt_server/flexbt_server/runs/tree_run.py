@@ -183,6 +183,11 @@ class TreeRun(Generic[Client]):
         """What goes on while the tree is paused, as 'path: why'."""
         return self._control.not_paused
 
+    @property
+    def not_ended(self) -> list[str]:
+        """Goals of leaves of any tree that were canceled and go on, for a person."""
+        return self._services.ending.overdue()
+
     def hold(self, reason: str) -> None:
         """Keep the tree paused for a reason of the host's own, until that is ''. From any thread."""
         self._control.hold(reason)

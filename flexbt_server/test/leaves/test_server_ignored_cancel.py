@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -101,6 +102,26 @@ def test_a_pause_that_a_server_ignores_leaves_the_goal_to_its_end(patient: World
     spin.end(0)
     assert goal.wait().status is GoalStatus.SUCCEEDED
     assert patient.navigation.count(names.SPIN) == 1
+
+
+def test_whoever_runs_a_tree_is_told_what_goes_on_in_a_pause() -> None:
+    with open_world(cancel_timeout=0.1) as world:
+        spin = ignores_cancels(world, CancelResponse.ACCEPT)
+        world.client.load_tree('<Spin name="turn"/>')
+        goal = world.client.execute()
+        wait_until(lambda: spin.running, 'the goal')
+        run = world.server_runtime.call(lambda: world.server.goals.running.find(goal.call.goal_id.hex()).run)
+        run.hold('a test')
+        (told,) = wait_until(lambda: goal.feedback and goal.feedback[-1].not_ended, 'what goes on')
+        assert re.match(
+            r'spin: its server has not ended .* canceled at \d\d:\d\d:\d\d, so the robot may move; STOP', told
+        )
+        spin.end(0, 'canceled')
+        wait_until(lambda: not goal.feedback[-1].not_ended, 'its end')
+        run.hold('')
+        wait_until(lambda: spin.running, 'the goal that is sent again')
+        spin.end(1)
+        assert goal.result.code == Result.SUCCESS
 
 
 def test_a_leaf_does_not_wait_for_ever_for_what_goes_on_after_a_pause() -> None:

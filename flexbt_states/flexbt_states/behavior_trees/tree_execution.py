@@ -50,6 +50,7 @@ class TreeExecution:
         self._pause: TreePause | None = None
         self._goal = GoalCall(state, BtExecute, topic, self._not_paused)
         self._activity: Sequence[str] = ()
+        self._not_ended: Sequence[str] = ()
         self._progress = Progress()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
@@ -66,7 +67,7 @@ class TreeExecution:
 
     def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
         """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
-        self._activity = ()
+        self._activity = self._not_ended = ()
         self._progress = Progress()
         self._refusal = ''
         try:
@@ -154,7 +155,7 @@ class TreeExecution:
 
     def _not_paused(self) -> str:
         pause = self._pause
-        return '' if pause is None else pause.not_paused()
+        return '' if pause is None else '; '.join(filter(None, [pause.not_paused(), *self._not_ended]))
 
     def _on_feedback(self, feedback: Any) -> None:
         if (pause := self._pause) is not None:
@@ -167,8 +168,11 @@ class TreeExecution:
             recoveries=feedback.number_of_recoveries,
             goal=feedback.goal if feedback.goal.header.frame_id else None,
         )
-        nodes = tuple(feedback.active_nodes)
-        if nodes != self._activity:
-            self._activity = nodes
+        nodes, not_ended = tuple(feedback.active_nodes), tuple(feedback.not_ended)
+        if pause is None or not pause.wanted:  # else the status says it
+            for line in set(not_ended) - set(self._not_ended):
+                self._state.log_warn(line)
+        if (nodes, not_ended) != (self._activity, self._not_ended):
+            self._activity, self._not_ended = nodes, not_ended
             if self._changed is not None:
                 self._changed()

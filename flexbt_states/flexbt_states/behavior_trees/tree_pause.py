@@ -53,6 +53,11 @@ class TreePause:
             self._is_known = self._is_over = True
             self._agree()
 
+    @property
+    def wanted(self) -> bool:
+        """Whether the tree is to be paused."""
+        return self._wanted
+
     def not_paused(self) -> str:
         """Why the tree goes on although it is to be paused, or which of its leaves do; '' when all stands still."""
         with self._lock:
