@@ -521,14 +521,16 @@ def test_an_ascii_screen_has_ascii_frames(monkeypatch: pytest.MonkeyPatch) -> No
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         assert '>' in text_of(app) and text_of(app).isascii()
-        for key in ('f', 'n'):
-            await pilot.press(key)
+        for keys in ('f', 'n', '?', 's', ['s', 'enter', 'tab', 'tab'], ['s', 'enter', 'tab', 'enter']):
+            await pilot.press(*keys)
             await seen(robot, pilot)
-            assert text_of(app).isascii(), key
-            await pilot.press('escape')
+            shown = text_of(app)
+            assert shown.isascii(), (keys, [sign for sign in shown if not sign.isascii()])
+            await pilot.press('escape', 'escape', 'escape')
+            robot.show(state=ExecutiveState.IDLE if keys == '?' else robot.snapshot.state)  # then one can be started
 
     robot = Robot()
-    on_screen(robot, steps, (120, 36))
+    on_screen(robot, steps, (100, 24))
 
 
 class Terminal:

@@ -137,7 +137,10 @@ class OperatorScreen(App[None]):
     .dim {{ text-style: dim; }}
     .ascii #map {{ border-left: ascii $primary-darken-2; }}
     .ascii #decision, .ascii #log {{ border-top: ascii $primary-darken-2; }}
-    .ascii .dialog, .ascii OptionList, .ascii .dialog Input, .ascii SelectCurrent {{ border: ascii $primary; }}
+    .ascii .dialog, .ascii OptionList, .ascii .dialog Input, .ascii SelectCurrent,
+    .ascii SelectOverlay {{ border: ascii $primary; }}
+    .ascii .dialog, .ascii OptionList {{ scrollbar-size: 0 0; }}
+    .ascii SelectCurrent .arrow {{ display: none; }}
     """
     # With priority they are dealt with in the order in which they come, by what is open by then: a key that is typed
     # quickly behind the one that opens a line or a list is for that, and is no command.

@@ -128,7 +128,7 @@ class Reading(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
         with VerticalScroll(classes='dialog wide'):
-            yield Label(Text(f'{self._title}  (Esc leaves)'))
+            yield Label(Text(f'{self._title}  (up, down scroll; Esc leaves)'))
             yield Pane()
 
     def on_mount(self) -> None:
