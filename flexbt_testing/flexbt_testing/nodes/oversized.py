@@ -16,7 +16,10 @@ from flexbt_common.values import resolve_type
 TOO_MUCH: Final = 10_000_000
 """Bytes in the one field."""
 
-MOST_ELEMENTS: Final = 25_000
+_TEXT_OF_LIST: Final = 995
+"""Characters of each text of a list: as many as a text may have, so that it is the list that has too much in it."""
+
+MOST_ELEMENTS: Final = 21_000
 """Of a list of messages: the process that makes them has to do more for it than the one that refuses them."""
 
 _ARRAY_CODES: Final = {
@@ -58,12 +61,12 @@ def _values(slot: Any, most: int, elements: int) -> Iterator[tuple[str, Any]]:
         element = slot.value_type
         if isinstance(element, BasicType):
             if element.typename in _OTHER_ELEMENTS:
-                yield '', [_OTHER_ELEMENTS[element.typename]] * most
+                yield '', [_OTHER_ELEMENTS[element.typename]] * (most // 8)  # as many as there are of int64
             else:
                 yield '', array(_ARRAY_CODES[element.typename], bytes(most))
             return
         if isinstance(element, AbstractString):
-            yield '', ['x' * 95] * (most // 100)
+            yield '', ['x' * _TEXT_OF_LIST] * math.ceil(most / _TEXT_OF_LIST)
         else:
             one = _class_of(element)()
             yield '', [one] * min(elements, math.ceil(most / len(serialize_message(one))))

@@ -34,6 +34,11 @@ PACKAGES: Final[Mapping[str, str]] = {
 MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     'simulator': ('flexbt_sim.simulator.node', 'flexbt_sim.world.prepare_world'),
     'navigation': ('flexbt_sim.nodes.navigation_servers', 'flexbt_sim.navigation.prepare_navigation'),
+    'simulation': (
+        'flexbt_sim.simulation',
+        'flexbt_sim.world.prepare_world',
+        'flexbt_sim.navigation.prepare_navigation',
+    ),
     'bt_server': ('flexbt_server.node.bt_server',),
     'onboard_executive': ('flexbt_onboard.node.onboard_executive',),
 }
@@ -129,11 +134,21 @@ class Stack:
                 words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
             )
 
-    def start_all(self, simulator: Mapping[str, str] | None = None, bt_server: Mapping[str, str] | None = None) -> None:
-        """Start everything but the console, with these parameters."""
-        self.start('simulator', simulator)
+    def start_all(
+        self,
+        simulator: Mapping[str, str] | None = None,
+        bt_server: Mapping[str, str] | None = None,
+        *,
+        in_one: bool = False,
+    ) -> None:
+        """Start everything but the console, with these parameters.
+
+        ``in_one``: simulator and navigation are the one process ``simulation``, which spares processor time where a
+        test has nothing to do to either of them.
+        """
+        self.start('simulation' if in_one else 'simulator', simulator)
         self.start('bt_server', bt_server)
-        for name in ('navigation', 'onboard_executive'):
+        for name in ('onboard_executive',) if in_one else ('navigation', 'onboard_executive'):
             self.start(name)
 
     def kill(self, name: str) -> float:

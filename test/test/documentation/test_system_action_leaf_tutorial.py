@@ -46,8 +46,7 @@ def test_the_leaf_turns_the_robot(tmp_path: Path) -> None:
     installed = {name: os.pathsep.join([str(tmp_path), value]) for name, value in before.items()}
     with Stack(tmp_path) as stack, NodeRuntime.open('client') as runtime:
         probe = Probe(runtime)
-        stack.start('simulator', {'speed_factor': '4.0'})
-        stack.start('navigation')
+        stack.start('simulation', {'speed_factor': '4.0'})
         stack.start('bt_server', environment=installed)
         spin = ActionLinks(runtime).link(Spin, names.SPIN)
         probe.wait(lambda: probe.pose and runtime.call(spin.is_ready), 'the robot and its navigation')

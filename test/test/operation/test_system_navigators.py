@@ -148,7 +148,7 @@ def away(probe: Probe, x: float, y: float = CORRIDOR) -> float:
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stack, Probe]]:
     with Stack(tmp_path_factory.mktemp('system')) as stack, NodeRuntime.open('probe') as runtime:
-        stack.start_all(SPEED, NAVIGATORS)
+        stack.start_all(SPEED, NAVIGATORS, in_one=True)
         probe = Probe(runtime)
         probe.wait_ready()
         yield stack, probe
@@ -261,7 +261,7 @@ def test_the_examples_of_nav2_simple_commander(tmp_path: Path) -> None:
     with domain_id() as domain, Stack(tmp_path) as stack:  # the other robot must not hear it
         environment = os.environ | {'PYTHONPATH': path, 'ROS_DOMAIN_ID': str(domain)}
         hall = {'map': str(tmp_path / 'hall.yaml'), 'initial_pose': '[1.0, 1.0, 0.0]', 'speed_factor': '10.0'}
-        for name, parameters in (('simulator', hall), ('navigation', {}), ('bt_server', NAVIGATORS)):
+        for name, parameters in (('simulation', hall), ('bt_server', NAVIGATORS)):
             stack.start(name, parameters, environment)
         for script, told in {
             'example_nav_to_pose': 'Goal succeeded!',

@@ -168,12 +168,9 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     navigators = '[navigate_to_pose, navigate_through_poses]'
     with Stack(directory) as stack, open_probe() as probe:
         stack.start(
-            'simulator',
-            {'world': str(world), 'robot_namespaces': 'false', 'speed_factor': '0.0', 'odom_rate': '10.0'},
-        )
-        stack.start(
-            'navigation',
+            'simulation',
             {
+                'world': str(world), 'robot_namespaces': 'false', 'speed_factor': '0.0', 'odom_rate': '10.0',
                 'robot_radius': '0.105', 'desired_linear_vel': '0.5', 'failure_tolerance': '2.0',
                 'graph_filepath': str(graph(directory / 'graph.json')),
             },

@@ -31,7 +31,7 @@ def console(*words: str) -> Any:
 
 def test_a_machine_that_was_asked_for_drives_the_robot(tmp_path: Path) -> None:
     with Stack(tmp_path) as stack:
-        stack.start_all({'speed_factor': '10.0'})
+        stack.start_all({'speed_factor': '10.0'}, in_one=True)
         with NodeRuntime.open('probe') as runtime:
             probe = Probe(runtime)
             probe.wait_ready()

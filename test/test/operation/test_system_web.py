@@ -26,7 +26,7 @@ BEHAVIOR = 'Navigate Split'
 def address(tmp_path: Path) -> Iterator[str]:
     """Where the page of a robot is, whose behavior waits for a goal."""
     with Stack(tmp_path) as stack:
-        stack.start_all({'speed_factor': '5.0'})
+        stack.start_all({'speed_factor': '5.0'}, in_one=True)
         line = [executable('console'), 'web', '--port', '0', '--operator', 'ann', '--timeout', '30']
         with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as web:
             try:
