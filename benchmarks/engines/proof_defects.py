@@ -6,8 +6,8 @@ decorator that is missing or too many, another number, key, sub-tree or leaf, a 
 what it did are no defects: all that can happen to both is followed side by side, with what begins, ends and is waited
 for, and how long. The trees as they are must give no alarm.
 
-What is not found leaves all true that is required, and that skills declare: fewer attempts than were meant, or another
-leaf by the name of the right one.
+What is not found leaves all true that is required, and that skills declare: another leaf by the name of the right one,
+another input. ``bt_tool prove --against`` shows all of these to whoever has the version before.
 
 Usage: python3 benchmarks proof_defects [--number N] [--seed N] [--show] [--output FILE.json]
 """
