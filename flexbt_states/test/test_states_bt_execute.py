@@ -353,7 +353,7 @@ def test_the_requested_value_comes_under_the_key_data(bench: StateBench) -> None
         (lambda: BtExecuteState(bt_file='flexbt_msgs/trees/none.xml'), 'bt_file'),
         (lambda: BtExecuteState(bt_file='no_such_package/tree.xml'), 'no_such_package'),
         (lambda: BtExecuteState(bt_topic='not a name'), 'bt_topic'),
-        (lambda: BtExecuteState(outputs={'path': 'nav_msgs/msg/Paht'}), 'nav_msgs/msg/Path'),
+        (lambda: BtExecuteState(outputs={'path': 'nav_msgs/msg/Paht'}), "did you mean 'Path'"),
         (lambda: BtExecuteState(inputs={'': 'string'}), 'inputs'),
         (lambda: BtExecuteState(timeout=0.0), 'timeout'),
         (lambda: BtExecuteGoalState(goal_msg_type='PoseStamped'), 'goal_msg_type'),
