@@ -98,7 +98,7 @@ class Door(Body):
         self.model = model
         (x, y), (to_x, to_y) = model.from_, model.to
         super().__init__(name, self._leaf(float(model.open)), Pose(x, y, math.atan2(to_y - y, to_x - x)))
-        self.radius = math.hypot(model.length, model.thickness / 2.0)
+        self.radius = math.hypot(model.length + EDGE, model.thickness / 2.0)
         self.top_speed = model.length / model.opening_time
         self.is_jammed = False
         self.reset()
@@ -136,9 +136,9 @@ class Door(Body):
         self.shape = self._leaf(opening)
 
     def _leaf(self, opening: float) -> Polygon:
-        # An open door keeps its edge, so that a body that was looked for is always there.
-        end, side = self.model.length, self.model.thickness / 2.0
-        start = min(opening * end, end - EDGE)
+        # An open door keeps its edge, so that a body that was looked for is always there: beside the passage.
+        side, start = self.model.thickness / 2.0, opening * self.model.length
+        end = max(self.model.length, start + EDGE)
         return Polygon(((end, side), (start, side), (start, -side), (end, -side)))
 
 

@@ -320,6 +320,18 @@ def test_a_door_opens_and_closes_by_command_and_not_on_a_robot() -> None:
     assert door.opening == 0.0
 
 
+@pytest.mark.parametrize('x', [0.3001, 0.6999])
+def test_an_open_door_leaves_the_whole_passage_free(x: float) -> None:
+    world = World()
+    world.add('gate', replace(DOOR, open=True))
+    alpha = world.add('alpha', RobotModel(footprint=Circle(0.3), lidar=None), Pose(x, -1.0, math.pi / 2.0))
+    for _ in range(120):
+        alpha.command(0.2, 0.0, world.time)
+        world.step(0.1)
+    assert alpha.pose.y > 1.0
+    assert alpha.contacts == 0
+
+
 def test_an_automatic_door_opens_for_who_comes_and_closes_after_it_has_gone() -> None:
     world = World()
     door = world.add('gate', replace(DOOR, automatic=True, hold=1.0))
