@@ -137,6 +137,18 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
             ' return [...s]'
         )
         assert {'48,52,60', '255,255,255', '29,95,208', '179,38,30'} <= set(colours)
+        # On a telephone the page scrolls, and its stop stays where it is.
+        phone = {'width': 390, 'height': 844, 'deviceScaleFactor': 1, 'mobile': True}
+        browser.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
+        try:
+            browser.until(lambda: browser.run('scrollTo(0, 1e6); return scrollY > 500'))
+            under = (
+                'const r = document.querySelector(".stop").getBoundingClientRect();'
+                'return document.elementFromPoint(r.x + r.width / 2, r.y + r.height / 2)?.className'
+            )
+            assert browser.run(under) == 'stop' and browser.run('return document.body.scrollWidth') <= 390
+        finally:
+            browser.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
 
 
 def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
