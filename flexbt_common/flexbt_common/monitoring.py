@@ -10,6 +10,7 @@ from flexbt_common.errors import UnfitParameterError
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_core.monitors import Monitoring, Stated, read_requirements
+from flexbt_core.values import TextFileError, read_text
 
 _MOST_BYTES: Final = 1_000_000
 
@@ -34,12 +35,8 @@ def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
 
 def _requirements(written: str) -> dict[str, tuple[Stated, ...]]:
     try:
-        with home_path(written).open('rb') as content:
-            data = content.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise UnfitParameterError('requirements', f'{written}: longer than {_MOST_BYTES} bytes')
-        return read_requirements(data.decode('utf-8-sig'), written)
-    except UnfitParameterError:
-        raise
-    except (OSError, UnicodeDecodeError, FlexbtError) as error:
+        return read_requirements(read_text(home_path(written), _MOST_BYTES), written)
+    except TextFileError as error:
+        raise UnfitParameterError('requirements', f'{written}: {error}') from None
+    except FlexbtError as error:
         raise UnfitParameterError('requirements', str(error)) from None

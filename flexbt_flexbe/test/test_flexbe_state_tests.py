@@ -221,7 +221,7 @@ def test_flexbes_test_cases_run_as_they_are_and_so_do_files_on_the_command_line(
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=folder)
     assert '2 failed, 1 passed' in done.stdout, done.stdout
     assert "its outcome is 'finished', not 'failed'" in done.stdout
-    assert 'missing.test: [Errno 2]' in done.stdout
+    assert 'missing.test: No such file' in done.stdout
     command = [sys.executable, '-m', 'flexbt_flexbe.testing', *map(str, sorted(folder.glob('*.test')))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.stdout.splitlines() == [

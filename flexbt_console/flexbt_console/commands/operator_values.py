@@ -14,7 +14,7 @@ from typing import Any, Final
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue, Pose, plain_type
 from flexbt_core import values
-from flexbt_core.values import hint, shown
+from flexbt_core.values import TextFileError, hint, read_text, shown
 
 MOST_CELLS: Final = 1000
 """Columns, and rows, of a picture in cells."""
@@ -83,15 +83,11 @@ def retry_count(text: str) -> int:
 def capability_text(file: str) -> str:
     """The text of a capability file of this computer. Raises UsageError when it cannot be read."""
     try:
-        with Path(file).open('rb') as content:
-            data = content.read(_CAPABILITIES + 1)
-        text = data.decode('utf-8-sig')
-    except OSError as error:
-        raise UsageError(f'{file}: cannot be read: {error.strerror or error}') from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f'{file}: byte {error.start + 1} is no UTF-8; this is no text') from error
-    if len(data) > _CAPABILITIES or not text.strip():
-        raise UsageError(f'{file}: empty, or longer than {_CAPABILITIES} bytes; this is no capability file')
+        text = read_text(file, _CAPABILITIES)
+    except TextFileError as error:
+        raise UsageError(f'{file}: cannot be read: {error}') from error
+    if not text.strip():
+        raise UsageError(f'{file}: empty; this is no capability file')
     return text
 
 

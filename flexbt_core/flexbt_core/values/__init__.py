@@ -9,6 +9,7 @@ from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
 from .similar_names import hint, similar_names
+from .text_files import TextFileError, read_text
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     'Place',
+    'TextFileError',
     'YamlError',
     'YamlParts',
     'compose_yaml',
@@ -28,6 +30,7 @@ __all__ = [
     'load_places',
     'load_yaml',
     'one_line',
+    'read_text',
     'sendable',
     'shown',
     'similar_names',

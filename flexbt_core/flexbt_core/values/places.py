@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from .text_files import read_text
+
 _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
 
 
@@ -31,7 +33,7 @@ def load_places(file: Path) -> dict[str, Place]:
     from .nested_yaml import load_yaml  # takes a while
 
     try:
-        content = load_yaml(file.read_text(encoding='utf-8'))
+        content = load_yaml(read_text(file))
     except (OSError, ValueError) as error:
         raise ValueError(f'places file {file}: {error}') from error
     if content is None:

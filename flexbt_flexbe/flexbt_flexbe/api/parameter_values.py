@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from flexbt_common.runtime import resolve_file
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import load_yaml, shown
+from flexbt_core.values import load_yaml, read_text, shown
 from flexbt_onboard.errors import ParameterError
 
 YAML_PREFIX: Final = '/YAML:'
@@ -52,7 +52,7 @@ def from_yaml_file(name: str, text: str) -> Any:
     if found is None:
         raise ParameterError(f'parameter {name!r}: {text!r} is no package/relative/path.yaml, with or without :KEY')
     try:
-        content = load_yaml(resolve_file(found['file']).read_text(encoding='utf-8'), aliases=True)
+        content = load_yaml(read_text(resolve_file(found['file'])), aliases=True)
     except (FlexbtError, OSError, ValueError) as error:
         raise ParameterError(f'parameter {name!r}: {error}') from None
     key = found['key']

@@ -14,7 +14,7 @@ import yaml
 
 from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml, shown
+from flexbt_core.values import YamlError, compose_yaml, construct_yaml, read_text, shown
 from flexbt_flexbe.errors import StateTestError
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
@@ -52,7 +52,7 @@ def read_state_test(file: Path) -> StateTest:
         StateTestError: no such file, no YAML, unknown keys, something missing, or something that is not made here.
     """
     try:
-        node = compose_yaml(file.read_text(encoding='utf-8'), aliases=True)
+        node = compose_yaml(read_text(file), aliases=True)
         content = {} if node is None else _plain(node)
     except (OSError, FlexbtError, ValueError) as error:
         raise StateTestError(f'{file}: {error}') from None

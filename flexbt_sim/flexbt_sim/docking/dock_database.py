@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.values import load_yaml, shown
+from flexbt_core.values import load_yaml, read_text, shown
 from flexbt_sim.errors import DockError
 from flexbt_sim.world import Pose
 
@@ -44,11 +44,7 @@ def load_docks(file: Path) -> dict[str, Dock]:
         DockError: the file cannot be read, or it has no docks.
     """
     try:
-        if not file.is_file():
-            raise OSError('there is no such file')
-        if file.stat().st_size > MOST_BYTES:
-            raise ValueError(f'it has more than {MOST_BYTES} bytes')
-        content = load_yaml(file.read_text(encoding='utf-8'), aliases=True)
+        content = load_yaml(read_text(file, MOST_BYTES), aliases=True)
     except (OSError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())[:200] or type(error).__name__
         raise DockError(file, '', f'cannot be read: {reason}; give a YAML file with docks') from error

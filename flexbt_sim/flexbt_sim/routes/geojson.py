@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.values import shown
+from flexbt_core.values import read_text, shown
 from flexbt_sim.errors import GraphError
 from flexbt_sim.world import FARTHEST
 
@@ -66,11 +66,7 @@ class _Feature:
 def _features(file: Path) -> Iterator[tuple[_Feature, str, Mapping[str, Any]]]:
     """Each feature with the type of its geometry and its properties."""
     try:
-        if not file.is_file():
-            raise OSError('there is no such file')
-        if file.stat().st_size > MOST_BYTES:
-            raise ValueError(f'it has more than {MOST_BYTES} bytes')
-        collection = json.loads(file.read_text(encoding='utf-8'))
+        collection = json.loads(read_text(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = ' '.join(str(error).split())[:200] or type(error).__name__
         raise GraphError(file, '', f'cannot be read: {reason}; give a GeoJSON file of nodes and edges') from error

@@ -255,5 +255,5 @@ def test_what_is_no_database_is_refused(tmp_path: Path, text: str, said: str) ->
 
 
 def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DockError, match='there is no such file'):
+    with pytest.raises(DockError, match='Is a directory'):
         load_docks(tmp_path)

@@ -22,13 +22,22 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
 from flexbt_core.behavior_tree import LoadError, NodeStatus
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml, excerpt, hint, load_yaml, shown
+from flexbt_core.values import (
+    TextFileError,
+    YamlError,
+    compose_yaml,
+    construct_yaml,
+    excerpt,
+    hint,
+    load_yaml,
+    read_text,
+    shown,
+)
 from flexbt_tools.errors import RefusedError, UsageError
 
 REAL: Final = 'real'
@@ -143,11 +152,11 @@ class _Reader:
 
     def _root(self) -> yaml.Node | None:
         try:
-            root = compose_yaml(Path(self._file).read_text(encoding='utf-8'), aliases=True)
+            root = compose_yaml(read_text(self._file), aliases=True)
         except YamlError as error:
             self.errors.append(LoadError(self._file, error.line, error.column, '', error.reason))
             return None
-        except (OSError, UnicodeDecodeError) as error:
+        except TextFileError as error:
             self.errors.append(LoadError(self._file, 1, 1, '', f'cannot be read: {error}'))
             return None
         if root is None:

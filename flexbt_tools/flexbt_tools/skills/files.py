@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import LoadError
 from flexbt_core.skills import SkillError, SkillLibrary, read_skills
+from flexbt_core.values import TextFileError, read_text
 from flexbt_tools.errors import RefusedError
 
 _MOST_BYTES: Final = 4_000_000
@@ -30,19 +30,11 @@ def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
 def read_skills_of(file: str, base: SkillLibrary) -> SkillLibrary:
     """What ``base`` has, and what one file adds. Raises RefusedError."""
     try:
-        with Path(file).open('rb') as content:
-            data = content.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise RefusedError([_problem(file, f'is longer than {_MOST_BYTES} bytes; split it into several files')])
-        return read_skills(data.decode('utf-8-sig'), file, base)
-    except (OSError, UnicodeDecodeError) as error:
-        raise RefusedError([_problem(file, f'cannot be read: {error}')]) from error
+        return read_skills(read_text(file, _MOST_BYTES), file, base)
+    except TextFileError as error:
+        raise RefusedError([LoadError(file, 1, 1, '', f'cannot be read: {error}')]) from error
     except SkillError as error:
         raise RefusedError([_located(file, problem) for problem in error.problems]) from error
-
-
-def _problem(file: str, message: str) -> LoadError:
-    return LoadError(file, 1, 1, '', message)
 
 
 def _located(file: str, problem: str) -> LoadError:

@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree import (
     export_blackboard,
     import_blackboard,
 )
-from flexbt_core.values import load_json
+from flexbt_core.values import load_json, read_text
 from flexbt_tools.errors import UsageError
 
 
@@ -39,7 +39,7 @@ class BlackboardFile:
         if name is None:
             return
         try:
-            document = load_json(Path(name).read_text(encoding='utf-8'))
+            document = load_json(read_text(name))
         except (OSError, ValueError, RecursionError) as error:
             raise UsageError(f'--blackboard {name}: {error}') from error
         if not isinstance(document, dict):

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final
 
 import yaml
 
-from flexbt_core.values import YamlError, compose_yaml, construct_yaml, hint, shown
+from flexbt_core.values import TextFileError, YamlError, compose_yaml, construct_yaml, hint, read_text, shown
 from flexbt_sim.errors import MapError, SimulationError, WorldError
 from flexbt_sim.world.plane import OccupancyMap, Pose, load_map
 
@@ -81,10 +81,8 @@ class WorldFile:
     def _read(self) -> str:
         file = self._file
         try:
-            if not file.is_file() or file.stat().st_size > MAX_BYTES:
-                raise OSError(f'not a regular file of at most {MAX_BYTES} bytes')
-            return file.read_text(encoding='utf-8')
-        except (OSError, ValueError) as error:
+            return read_text(file, MAX_BYTES)
+        except TextFileError as error:
             raise WorldError([f'{file}: cannot be read: {error}; give a world file']) from error
 
     def _parsed(self, text: str) -> Any:

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_core.values import load_yaml, shown
+from flexbt_core.values import load_yaml, read_text, shown
 from flexbt_sim.errors import MapError
 
 from . import loops
@@ -199,10 +199,7 @@ def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occup
 
 def _read_yaml(file: Path) -> Mapping[str, Any]:
     try:
-        _require_file(file)
-        if file.stat().st_size > MAX_YAML_BYTES:
-            raise ValueError(f'more than {MAX_YAML_BYTES} bytes are not the YAML of a map')
-        fields = load_yaml(file.read_text())
+        fields = load_yaml(read_text(file, MAX_YAML_BYTES))
         if not isinstance(fields, dict):
             raise ValueError('image, resolution, origin and thresholds are missing')
     except (OSError, ValueError) as error:
