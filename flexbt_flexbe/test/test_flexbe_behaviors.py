@@ -25,6 +25,16 @@ from flexbt_testing.waiting import wait_until
 _numbers = itertools.count()
 
 
+OF_ROS_1 = """
+from flexbe_core import Behavior
+
+
+class OldSM(Behavior):
+    def __init__(self):
+        super().__init__()
+"""
+
+
 @dataclass
 class Installed:
     """A package with the behaviors Patrol and Greet."""
@@ -53,7 +63,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
             'patrol.xml': manifest(name, 'Patrol', 'patrol_sm', 'PatrolSM', PARAMS),
             'inner/greet.xml': manifest(name, 'Greet', 'greet_sm', 'GreetSM'),
         },
-        sources={'patrol_sm.py': PATROL.replace('{package}', name), 'greet_sm.py': GREET},
+        sources={'patrol_sm.py': PATROL.replace('{package}', name), 'greet_sm.py': GREET, 'old_sm.py': OF_ROS_1},
     )
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=':')
     monkeypatch.syspath_prepend(str(python))
@@ -211,6 +221,10 @@ def test_nothing_is_set_twice(package: Installed) -> None:
         ('<behavior name="Bad"><executable package_path="{p}.missing_sm" class="C"/></behavior>', 'missing_sm'),
         ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Nope"/></behavior>', 'no such class'),
         ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Logger"/></behavior>', 'no Behavior'),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.old_sm" class="OldSM"/></behavior>',
+            'for ROS 1 take none',
+        ),
     ],
 )
 def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Installed, text: str, words: str) -> None:

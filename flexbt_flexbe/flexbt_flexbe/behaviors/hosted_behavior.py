@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
@@ -87,7 +88,7 @@ def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
     """The class that a manifest names; it is called with the node. Raises whatever importing its module raises.
 
     Raises:
-        FlexbeManifestError: the module has no such class.
+        FlexbeManifestError: the module has no such class, or one of FlexBE for ROS 1.
     """
     module = importlib.import_module(source.module)
     found = getattr(module, source.class_name, None)
@@ -96,6 +97,14 @@ def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
             'has no such class' if found is None else f'has {shown(found)} there, which is no Behavior of flexbe_core'
         )
         raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {problem}')
+    try:
+        inspect.signature(found).bind(None)
+    except TypeError as error:
+        raise FlexbeManifestError(
+            f'{inspect.getfile(found)}: class {source.class_name}: __init__ cannot be called with the node alone '
+            f'({error}); behaviors of FlexBE for ROS 1 take none: write __init__(self, node), and bring the states '
+            'from rospy to rclpy, too'
+        ) from error
     return found
 
 
