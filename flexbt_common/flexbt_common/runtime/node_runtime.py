@@ -386,7 +386,11 @@ def run_node(
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
         print(_HELP.format(name=name, about=(about or '').strip()))
         return 0
-    unknown = remove_ros_args([name, *given])[1:]
+    try:
+        unknown = remove_ros_args([name, *given])[1:]
+    except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS
+        print(f'{name}: {error}', file=sys.stderr)
+        return 2
     if unknown:
         print(
             f'{name}: unknown argument {unknown[0]!r}; parameters are given by --ros-args -p NAME:=VALUE',

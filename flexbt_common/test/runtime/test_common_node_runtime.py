@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from std_msgs.msg import Empty
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_testing.waiting import uncontended_time
 
 DEADLINE = 60.0
@@ -285,3 +285,9 @@ def test_arguments_that_are_not_for_ros_are_refused() -> None:
     done = subprocess.run([sys.executable, '-c', PROGRAM, *words], capture_output=True, text=True, timeout=DEADLINE)
     assert (done.returncode, done.stdout) == (2, '')
     assert "unknown argument '--map'" in done.stderr
+
+
+def test_arguments_that_ros_refuses_are_told_without_a_trace(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run_node('program', lambda _: pytest.fail('not to be run'), ['--ros-args', '-r', '__ns:=/rob-1']) == 2
+    told = capfd.readouterr().err
+    assert "program: Failed to parse ROS arguments: Couldn't parse remap rule: '-r __ns:=/rob-1'" in told
