@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text and data from others, with bounds: JSON, YAML, terminal-safe and message-safe text, files of places."""
+"""Text and data from others, with bounds: JSON, YAML, terminal-safe and message-safe text, XML, files of places."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ from .nested_json import load_json
 from .places import Place, load_places
 from .similar_names import hint, similar_names
 from .text_files import TextFileError, read_text
+from .xml_text import xml_attribute, xml_text
 
 if TYPE_CHECKING:
     from .nested_yaml import YamlError, compose_yaml, construct_yaml, load_yaml
@@ -34,6 +35,8 @@ __all__ = [
     'sendable',
     'shown',
     'similar_names',
+    'xml_attribute',
+    'xml_text',
 ]
 
 if not TYPE_CHECKING:  # type checkers would take any name for one of this module

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from typing import Final
-from xml.sax.saxutils import escape, quoteattr
+
+from flexbt_core.values import xml_attribute, xml_text
 
 from .run_metrics import ROOT, Intervention, RunMetrics
 
@@ -53,15 +54,15 @@ def timeline(metrics: RunMetrics) -> str:
         top = _TOP + _ROW * row + inset
         return (
             f'<rect class="{kind}" x="{x(begin):.2f}" y="{top}" width="{width:.2f}" height="{_ROW - 2 * inset}">'
-            f'<title>{escape(_plain(told))}</title></rect>'
+            f'<title>{xml_text(_plain(told))}</title></rect>'
         )
 
     title = f'{metrics.behavior}: {metrics.outcome or "no end"} after {metrics.duration:.1f} s'
     shown = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 30}" height="{height}">',
         f'<style>{_STYLE}</style><rect class="back" width="100%" height="100%"/>',
-        f'<text x="10" y="20">{escape(_plain(title))}</text>',
-        f'<text class="time" x="10" y="38">run {escape(_plain(metrics.run))}, waiting for the operator '
+        f'<text x="10" y="20">{xml_text(_plain(title))}</text>',
+        f'<text class="time" x="10" y="38">run {xml_text(_plain(metrics.run))}, waiting for the operator '
         f'{metrics.waiting:.1f} s</text>',
     ]
     for time in _ticks(metrics.duration):
@@ -71,8 +72,8 @@ def timeline(metrics: RunMetrics) -> str:
     for row, path in enumerate(rows):
         label = path if path == ROOT else '\u2003' * (path.count('/') - 1) + path.rsplit('/', 1)[-1]
         shown.append(
-            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={quoteattr(_plain(path))}>{escape(_plain(label))}'
-            f'<title>{escape(_plain(path))}</title></text>'
+            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={xml_attribute(_plain(path))}>'
+            f'{xml_text(_plain(label))}<title>{xml_text(_plain(path))}</title></text>'
         )
     for visit in metrics.visits:
         if visit.path in rows:
@@ -94,7 +95,7 @@ def _mark(at: float, bottom: int, one: Intervention) -> str:
     told = f'{one.operator}: {one.command} {one.text} ({one.effect})'
     return (
         f'<line class="{kind}" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 14}" y2="{bottom - 30}">'
-        f'<title>{escape(_plain(told))}</title></line>'
+        f'<title>{xml_text(_plain(told))}</title></line>'
     )
 
 

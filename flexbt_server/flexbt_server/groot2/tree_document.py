@@ -8,10 +8,10 @@ has those that the tree uses.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from xml.sax.saxutils import escape, quoteattr
 
 from flexbt_core.behavior_tree import ExpandingAction, NodeDefinition, NodeManifest, Port, Tree, TreeNode
 from flexbt_core.behavior_tree.model import NO_DEFAULT
+from flexbt_core.values import xml_attribute, xml_text
 
 
 def tree_document(tree: Tree) -> str:
@@ -68,7 +68,7 @@ def _node_attributes(node: TreeNode, definition: NodeDefinition, below: str | No
 
 
 def _attributes(**values: str) -> str:
-    return ''.join(f' {name}={quoteattr(value)}' for name, value in values.items())
+    return ''.join(f' {name}={xml_attribute(value)}' for name, value in values.items())
 
 
 def models_document(manifests: Iterable[NodeManifest]) -> Iterator[str]:
@@ -84,10 +84,10 @@ def models_document(manifests: Iterable[NodeManifest]) -> Iterator[str]:
 
 def model_lines(manifest: NodeManifest) -> Iterator[str]:
     """The model of a node type."""
-    head = f'{manifest.kind.value} ID={quoteattr(manifest.id)}'
+    head = f'{manifest.kind.value} ID={xml_attribute(manifest.id)}'
     inner = [_port(name, port) for name, port in manifest.ports.items()]
     if manifest.description:
-        text = quoteattr(' '.join(manifest.description.split()))
+        text = xml_attribute(' '.join(manifest.description.split()))
         inner += ['<MetadataFields>', f'  <Metadata description={text}/>', '</MetadataFields>']
     if not inner:
         yield f'<{head}/>'
@@ -99,6 +99,6 @@ def model_lines(manifest: NodeManifest) -> Iterator[str]:
 
 def _port(name: str, port: Port) -> str:
     tag = f'{port.direction.value}_port'
-    kind = '' if port.type is None else f' type={quoteattr(port.type.name)}'
-    default = '' if port.default is NO_DEFAULT else f' default={quoteattr(str(port.default))}'
-    return f'<{tag} name={quoteattr(name)}{kind}{default}>{escape(port.description)}</{tag}>'
+    kind = '' if port.type is None else f' type={xml_attribute(port.type.name)}'
+    default = '' if port.default is NO_DEFAULT else f' default={xml_attribute(str(port.default))}'
+    return f'<{tag} name={xml_attribute(name)}{kind}{default}>{xml_text(port.description)}</{tag}>'

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import random
 from typing import Any
-from xml.sax.saxutils import quoteattr
+
+from flexbt_core.values import xml_attribute
 
 INTEGERS, REALS, TEXTS, BOOLEANS = ('a', 'b', 'c'), ('d', 'e'), ('s', 't'), ('k',)
 GROUPS = (INTEGERS, REALS, TEXTS, BOOLEANS)
@@ -119,7 +120,7 @@ class _Generator:
             head = kind
             attributes.append(('ID', tag))
         self._random.shuffle(attributes)
-        text = ''.join(f' {name}={quoteattr(value)}' for name, value in attributes)
+        text = ''.join(f' {name}={xml_attribute(value)}' for name, value in attributes)
         return f'<{head}{text}>{children}</{head}>' if children else f'<{head}{text}/>'
 
     def _conditions(self) -> list[tuple[str, str]]:
@@ -262,7 +263,7 @@ class _Generator:
         if self._random.random() < 0.8:
             self._names += 1
             attributes.append(('name', f'n{self._names}'))
-        return '<SubTree' + ''.join(f' {name}={quoteattr(value)}' for name, value in attributes) + '/>'
+        return '<SubTree' + ''.join(f' {name}={xml_attribute(value)}' for name, value in attributes) + '/>'
 
 
 def make_case(seed: int) -> dict[str, Any]:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from typing import Any
-from xml.sax.saxutils import quoteattr
+
+from flexbt_core.values import xml_attribute
 
 from .basic import BOOLEANS, GROUPS, INTEGERS, KEYS, REALS, TEXTS
 
@@ -184,7 +185,7 @@ class _WheelGenerator:
     def _element(self, tag: str, kind: str, attributes: Attributes, children: str = '') -> str:
         compact = self._in_reactive_sequence or self._random.random() < 0.93
         head, attributes = (tag, attributes) if compact else (kind, [('ID', tag), *attributes])
-        text = f'<{head}' + ''.join(f' {name}={quoteattr(value)}' for name, value in attributes)
+        text = f'<{head}' + ''.join(f' {name}={xml_attribute(value)}' for name, value in attributes)
         return f'{text}>{children}</{head}>' if children else f'{text}/>'
 
     def _letters(self, may_run: bool) -> str:
@@ -395,7 +396,7 @@ class _WheelGenerator:
         else:
             ports = [(key, '{=}') for key in self._random.sample(KEYS, 3)]
         attributes = [('ID', id), *self._attributes(named=chance() < 0.8), *ports]
-        return '<SubTree' + ''.join(f' {name}={quoteattr(value)}' for name, value in attributes) + '/>'
+        return '<SubTree' + ''.join(f' {name}={xml_attribute(value)}' for name, value in attributes) + '/>'
 
 
 def make_case(seed: int) -> dict[str, Any]:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from typing import Final
-from xml.sax.saxutils import escape, quoteattr
 
 from flexbt_core.behavior_tree import NodeKind, NodeManifest, Port, PortType
 from flexbt_core.behavior_tree.model import BOOL, NO_DEFAULT, PRE_POST_ATTRIBUTES
+from flexbt_core.values import xml_attribute, xml_text
 
 _EXPLICIT: Final = (NodeKind.ACTION, NodeKind.CONDITION, NodeKind.CONTROL, NodeKind.DECORATOR)
 _METADATA: Final = ('_description', '_fullpath', '_uid')
@@ -97,7 +97,7 @@ def schema_lines(manifests: Sequence[NodeManifest]) -> Iterator[str]:
         yield from _open_element(kind.value, children=True)
     yield from _open_element(NodeKind.SUBTREE.value, children=False)
     for manifest in manifests:
-        yield f'      <xs:element name={quoteattr(manifest.id)} type={quoteattr(f"{manifest.id}_node")}/>'
+        yield f'      <xs:element name={xml_attribute(manifest.id)} type={xml_attribute(f"{manifest.id}_node")}/>'
     yield '    </xs:choice>'
     yield '  </xs:group>'
     for manifest in manifests:
@@ -117,7 +117,7 @@ def _open_element(name: str, *, children: bool) -> Iterator[str]:
 
 
 def _node_type(manifest: NodeManifest) -> Iterator[str]:
-    yield f'  <xs:complexType name={quoteattr(f"{manifest.id}_node")}>'
+    yield f'  <xs:complexType name={xml_attribute(f"{manifest.id}_node")}>'
     if manifest.description:
         yield from _documentation(manifest.description, '    ')
     least, most = manifest.children
@@ -133,7 +133,7 @@ def _node_type(manifest: NodeManifest) -> Iterator[str]:
 
 def _port(name: str, port: Port) -> Iterator[str]:
     required = ' use="required"' if port.required else ''
-    head = f'xs:attribute name={quoteattr(name)} type="{_type_name(port)}"{required}'
+    head = f'xs:attribute name={xml_attribute(name)} type="{_type_name(port)}"{required}'
     if not port.description and port.default is NO_DEFAULT:
         yield f'    <{head}/>'
         return
@@ -155,5 +155,5 @@ def _type_name(port: Port) -> str:
 
 
 def _documentation(text: str, indent: str) -> Iterator[str]:
-    shown = escape(' '.join(text.split()))
+    shown = xml_text(' '.join(text.split()))
     yield f'{indent}<xs:annotation><xs:documentation>{shown}</xs:documentation></xs:annotation>'
