@@ -108,7 +108,8 @@ class Navigator:
             if trip.code not in RECOVERABLE or trip.recoveries == RETRIES or world.time >= until:
                 break
             trip.recoveries += 1
-            next(recoveries)()
+            while not next(recoveries)():  # as RoundRobin: one that fails is followed by the next at once
+                pass
         self._rest()
         trip.seconds, trip.contacts = world.time - began, robot.contacts - contacts
         return trip
@@ -181,28 +182,32 @@ class Navigator:
 
     # -- recoveries --------------------------------------------------------------------------------------------------
 
-    def _clear(self) -> None:
+    def _clear(self) -> bool:
         self._local.clear()
         self._global.clear()
+        return True
 
-    def _spin(self) -> None:
-        self._complete(SpinMotion(1.57, 10.0, self._local.costmap))
+    def _spin(self) -> bool:
+        return self._complete(SpinMotion(1.57, 10.0, self._local.costmap))
 
-    def _back_up(self) -> None:
-        self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap))
+    def _back_up(self) -> bool:
+        return self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap))
 
-    def _wait(self) -> None:
+    def _wait(self) -> bool:
         until = self._world.time + 5.0
         while self._world.time < until:
             self._drive(STOP)
+        return True
 
-    def _complete(self, motion: Motion) -> None:
-        """A recovery that fails is the next one's turn."""
+    def _complete(self, motion: Motion) -> bool:
+        """Whether the recovery succeeds."""
         try:
             while not self._step(motion):
                 pass
         except NavigationError:
             self._drive(STOP)
+            return False
+        return True
 
     def _rest(self) -> None:
         while any(velocity != STOP for velocity in self._under_way) or self._robot.linear or self._robot.angular:

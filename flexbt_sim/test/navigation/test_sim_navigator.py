@@ -161,6 +161,22 @@ def test_a_closed_passage_ends_with_the_code_of_the_planner_after_all_recoveries
     assert (trip.recoveries, trip.contacts) == (6, 0)
 
 
+def test_a_recovery_that_fails_is_followed_by_the_next_one_and_not_counted() -> None:
+    """The robot is in a passage that is too narrow to turn in."""
+
+    def passage(cells: NDArray[numpy.int8]) -> None:
+        cells[:, :] = 100
+        cells[40:52, 14:90] = 0
+
+    world = World(walled(100, 100, 0.05, passage))
+    world.add('robot', RobotModel(footprint=box(0.6, 0.4), lidar=LidarModel(beams=180)), Pose(0.05, 0.3, 0.0))
+    world.add('crate', ObstacleModel(Pose(1.5, 0.3, 0.0), box(0.3, 0.58)))
+    trip = Navigator(world, 'robot').navigate(Pose(3.0, 0.3, 0.0))
+    assert trip.code in ('NO_VALID_PATH', 'PATIENCE_EXCEEDED')
+    assert (trip.recoveries, trip.contacts) == (6, 0)
+    assert trip.seconds > 23.0  # 28.3 s; with a wait less, 18.7 s
+
+
 def test_a_robot_that_is_no_circle_gets_through_a_door_and_touches_nothing() -> None:
     """It is 0.6 m long, and the door is 0.7 m wide."""
 
