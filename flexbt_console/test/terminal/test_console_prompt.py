@@ -325,6 +325,8 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
             await until('autonomy full: waits')
             mirror.receive_snapshot(Snapshot('e', 1), Transit(0.0, 0.0))
             await until('autonomy full: applied')
+            keys.send_text(f'\x1b[200~autonomy {"9" * 6000}\x1b[201~off\r')
+            await until('is longer than 5000')
             keys.send_text('userdata / goal\r')
             await until('goal (string) = "kitchen"')
             keys.send_text('quit\r')

@@ -57,6 +57,10 @@ class Link(AskedRobot, Protocol):
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
 
+MOST_TYPED: Final = 5_000
+"""Characters of a line; what is beyond is dropped, and the line refused. prompt_toolkit keeps a copy of the line for
+each key, to undo it."""
+
 REDRAW_SECONDS: Final = 0.1
 """Shortest time between two drawings, which limits what goes over a slow terminal connection."""
 
@@ -145,6 +149,9 @@ class Prompt:
 
     def _typed(self, text: str) -> None:
         """A key counts as dealing with the decision on the screen."""
+        if len(text) > MOST_TYPED + 1:
+            self._session.default_buffer.text = text[: MOST_TYPED + 1]
+            return
         if text:
             self._attention.touched(self._mirror.view(), self._shown.shown)
         self._shown.typed(text)
@@ -205,6 +212,8 @@ class Prompt:
         """Do what a line says; False to quit."""
         view = self._mirror.view()
         try:
+            if len(text) > MOST_TYPED:
+                raise ConsoleError(f'the line {text!r:.40}... is longer than {MOST_TYPED} characters; nothing was done')
             meaning = interpret(text, view, self._make, bound)
             if meaning.local is Local.QUIT:
                 return False
