@@ -8,7 +8,9 @@ without an error; the hash of the definition, which each side announces, tells (
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
+
+_UNKNOWN: Final = '_NODE_NAME_UNKNOWN_'  # what rmw calls the node of an endpoint that it has just discovered
 
 
 def interface_problem(node: Any, topic: str) -> str:
@@ -33,8 +35,9 @@ def senders_problem(node: Any, topic: str, senders: int) -> str:
         return ''
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
-    who = ', '.join(sorted(f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers))
-    return f'{senders} executives publish on {resolved} ({who}); end all but one, or give each a namespace of its own'
+    names = [f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers if e.node_name != _UNKNOWN]
+    who = f' ({", ".join(sorted(names))})' if names else ''
+    return f'{senders} executives publish on {resolved}{who}; end all but one, or give each a namespace of its own'
 
 
 def _is_of(node: Any, endpoint: Any) -> bool:
