@@ -106,10 +106,6 @@ def _guarded(method: Callable[P, None]) -> Callable[P, None]:
     return call
 
 
-NOT_PRESSED: Final = {'f8', *map(str, range(1, 10))}
-"""Keys of the table that have an action of their own."""
-
-
 class OperatorScreen(App[None]):
     """One operator at one terminal. ``timeout``: seconds for each answer; ``leaving``: what happens when it is left."""
 

@@ -38,12 +38,6 @@ class CounterPlay:
         self.answers: list[Values] = []
         self._begin()
 
-    @property
-    def starved(self) -> int | None:
-        """The number of the guarantee that the world prevents from here; None at a dead end."""
-        removal = self._removal() if self.state is not None else None
-        return None if removal is None else removal.goal
-
     def answer(self, number: int) -> None:
         """The system answers by one of ``answers``, and the world makes its next move. Raises IndexError."""
         chosen = self.answers[number]
