@@ -108,6 +108,8 @@ def written(directory: Path, text: str) -> Path:
         (STATE + 'params: {function: "lambda x: (\'done\', x)"}\ninput: {value: 2}\n'
          'output: {result: 3, label: a}\noutcome: failed',
          ["outcome is 'done', not 'failed'", "'result' is 2, not 3", "has not written 'label'"]),
+        (STATE + 'params: {function: "lambda x: (\'done\', 99 * x + \'c\')"}\ninput: {value: a}\n'
+         f'output: {{result: {99 * "a"}b}}\noutcome: done', [f"'result' is '{99 * 'a'}c', not '{99 * 'a'}b'"]),
         (STATE + 'params: {function: "lambda x: (None, x)"}\ninput: {value: 2}\noutcome: done', ['gave no outcome']),
         (STATE + 'params: {function: "lambda x: 1 / 0"}\ninput: {value: 2}\noutcome: done',
          ["outcome is 'failed', not 'done'.*ZeroDivisionError"]),

@@ -12,7 +12,7 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
-from flexbt_core.state_machine import EventState, with_timeout
+from flexbt_core.state_machine import EventState, OperatableStateMachine, with_timeout
 from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_msgs.srv import ControlTree
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtSetDataState
@@ -53,9 +53,9 @@ class TreeServer:
         await self._release
         if handle.is_cancel_requested:
             handle.canceled()
-            return RESULT(code=RESULT.CANCELED)
+            return RESULT(code=RESULT.CANCELED, not_ended=self.not_ended)
         handle.succeed()
-        return RESULT(code=RESULT.SUCCESS)
+        return RESULT(code=RESULT.SUCCESS, not_ended=self.not_ended)
 
     def end(self) -> None:
         self.actions.resolve(self._release)
@@ -144,24 +144,58 @@ def test_a_tree_that_is_not_paused_is_told_to_the_operator(bench: StateBench) ->
     assert run.wait() == 'done', run.lines
 
 
-def test_a_goal_that_its_server_does_not_end_is_told_to_the_operator(bench: StateBench) -> None:
+SPIN, BACK_UP, WAIT = (
+    f'{action}: its server has not ended the goal canceled at 12:34:56: the robot may move; STOP keeps it at rest, '
+    'restart a server that hangs'
+    for action in ('spin', 'backup', 'wait')
+)
+
+
+def warned(run: Run) -> list[str]:
+    """What was told to the operator of goals that go on, but for the status of a pause."""
+    return [line for line in run.errors().splitlines() if line.endswith('hangs') and 'is paused' not in line]
+
+
+def test_goals_that_their_servers_do_not_end_are_told_to_the_operator(bench: StateBench) -> None:
     server = TreeServer(bench)
+    server.not_paused = ['main/Door: a service call cannot be stopped', 'main/Arm: a thread cannot be stopped']
     run = start(bench, server)
-
-    def shown() -> list[str]:
-        return [line for leaf in run.behavior_run.snapshot.active for line in leaf.not_paused]
-
     pause(run, True)
-    server.not_ended = ['spin: not ended']
-    wait_until(lambda: server.tell() and any('spin: not ended' in line for line in shown()), shown)
-    server.not_ended = []
-    wait_until(lambda: server.tell() and not shown(), shown)
+    server.not_ended = [SPIN, BACK_UP]
+    shown = tuple(f'goal of bt_executor: {line}' for line in (*server.not_ended, *server.not_paused))
+    wait_until(lambda: server.tell() and not_paused(run) == shown, lambda: not_paused(run))
+    assert warned(run) == []
     pause(run, False)
-    wait_until(lambda: server.commands[-1:] == [(RESUME, server.run_id)], 'the resume')
-    server.not_ended = ['back_up: not ended']
-    wait_until(lambda: server.tell() and 'back_up: not ended' in run.errors(), run.errors)
-    server.end()
+    wait_until(lambda: server.tell() and warned(run), run.errors)
+    server.not_ended = [SPIN, BACK_UP, WAIT]
+    server.end()  # with what no feedback has told yet
     assert run.wait() == 'done', run.lines
+    assert warned(run) == [SPIN, BACK_UP, WAIT]
+
+
+def test_what_goes_on_is_told_once_in_a_run_and_when_a_tree_was_canceled(bench: StateBench) -> None:
+    server = TreeServer(bench)
+
+    def machine() -> OperatableStateMachine:
+        root = OperatableStateMachine(outcomes=['done', 'failed', 'canceled'])
+        with root:
+            OperatableStateMachine.add('First', state(), {'done': 'Next', 'failed': 'failed', 'canceled': 'canceled'})
+            OperatableStateMachine.add('Next', state(), {name: name for name in root.outcomes})
+        return root
+
+    run = bench.run(machine)
+    first = wait_until(lambda: server.handle, 'the first goal')
+    server.not_ended = [SPIN, BACK_UP]
+    wait_until(lambda: server.tell() and warned(run), run.errors)
+    server.end()
+    wait_until(lambda: server.handle is not first, 'the next goal')
+    wait_until(lambda: server.tell() and [leaf.activity for leaf in run.active()] == [('main',)], run.active)
+    server.not_ended = [BACK_UP, WAIT]
+    run.behavior_run.stop('test')
+    wait_until(lambda: server.actions.cancels, 'the cancel')
+    server.end()
+    run.wait()
+    assert warned(run) == [SPIN, BACK_UP, WAIT]
 
 
 def test_pauses_in_quick_succession_end_as_the_last_one_wants(bench: StateBench) -> None:

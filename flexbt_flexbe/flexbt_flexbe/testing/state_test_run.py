@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_core.state_machine import DecisionKind, EventState, OperatableStateMachine, Severity
-from flexbt_core.values import shown
+from flexbt_core.values import excerpt, shown
 from flexbt_flexbe import shim
 from flexbt_flexbe.api import Behavior
 from flexbt_flexbe.behaviors import without_harmless_faults
@@ -53,7 +53,7 @@ def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS)
         if key not in given:
             problems.append(f'it has not written {key!r}')
         elif given[key] != expected:
-            problems.append(f'{key!r} is {shown(given[key])}, not {shown(expected)}')
+            problems.append(f'{key!r} is {excerpt(repr(given[key]), 200)}, not {excerpt(repr(expected), 200)}')
     return problems
 
 

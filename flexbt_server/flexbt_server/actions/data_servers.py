@@ -14,7 +14,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import sendable, shown
+from flexbt_core.values import sendable
 from flexbt_msgs.action import BtGetData, BtSetData
 from flexbt_server.goals import MESSAGE_LIMIT
 from flexbt_server.trees import Blackboards, entries_of, write_all
@@ -67,7 +67,8 @@ class DataServers:
                     result = answer(goal.request)
                 except Exception as error:  # a fault of ours goes to the client as well
                     self._runtime.report_fault(error, 'a goal for a blackboard')
-                    result = action.Result(code=action.Result.ERROR, message=f'fault in the BT server: {shown(error)}')
+                    message = sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
+                    result = action.Result(code=action.Result.ERROR, message=message)
                 self._runtime.post(lambda: end(result))
 
             def end(result: Any) -> None:

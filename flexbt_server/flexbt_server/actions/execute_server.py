@@ -76,8 +76,9 @@ class _ExecuteGoal(TreeGoal):
         return feedback_of(running.id, tree, run.board, pose, self._speed.at(pose), seconds, run.not_ended)
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
-        board = self._boards.find(self.blackboard) if self.running is None else self.running.run.board
-        result = result_of(self.served.request, outcome, board, self.notice, seconds)
+        run = None if self.running is None else self.running.run
+        board, not_ended = (self._boards.find(self.blackboard), ()) if run is None else (run.board, run.not_ended)
+        result = result_of(self.served.request, outcome, board, self.notice, seconds, not_ended)
         return result.code, result
 
     def fault_result(self, why: str) -> Any:

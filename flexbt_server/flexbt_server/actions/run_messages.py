@@ -61,10 +61,13 @@ def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
     return [pose for pose in poses if isinstance(pose, PoseStamped)]
 
 
-def result_of(request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float) -> Any:
+def result_of(
+    request: Any, outcome: RunOutcome, board: Blackboard, notice: str, seconds: float, not_ended: Sequence[str]
+) -> Any:
     """The result message for a goal. An output that cannot be sent makes it an ERROR.
 
-    ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance.
+    ``notice`` is for the case that the run did not succeed; ``seconds`` since the acceptance; ``not_ended``: canceled
+    goals that go on.
     """
     encoding = Encoding.BINARY if request.output_encoding == BtExecute.Goal.BINARY else Encoding.TEXT
     entries, missing, problems = entries_of(board, request.outputs, encoding)
@@ -79,4 +82,5 @@ def result_of(request: Any, outcome: RunOutcome, board: Blackboard, notice: str,
         outputs=entries,
         missing_outputs=missing,
         execution_time=duration_message(max(0.0, seconds)),
+        not_ended=not_ended,
     )

@@ -51,7 +51,7 @@ class EndingGoals:
         self._warn = warn
         self._resolve = resolve
         self._alarms: dict[EndingGoal, Timer] = {}
-        self._overdue: dict[EndingGoal, None] = {}
+        self._overdue: set[EndingGoal] = set()
         self._waiting: set[Callable[[], None]] = set()
         self._lock = threading.Lock()
 
@@ -69,21 +69,25 @@ class EndingGoals:
         with self._lock:
             self._alarms.pop(goal).cancel()
             was_overdue = goal in self._overdue
-            self._overdue.pop(goal, None)
+            self._overdue.discard(goal)
             waiting = tuple(self._waiting)
         if was_overdue:
             self._warn(f'{goal.action}: the goal has ended {self._steady.now() - goal.since:.1f} s after its cancel')
         for wake in waiting:
             wake()
 
-    def overdue(self) -> list[str]:
-        """What goes on although its server had its time to end it, and what to do, for a person; the 16 oldest."""
+    def overdue(self, given_up: Collection[str] = ()) -> list[str]:
+        """What goes on although its server had its time to end it, and what to do, for a person; the 16 oldest.
+
+        ``given_up``: descriptions of goals that a tree has waited for in vain, which counts as well.
+        """
         with self._lock:
-            goals = list(islice(self._overdue, _MOST_TOLD))
+            late = (goal for goal in self._alarms if goal in self._overdue or goal.description in given_up)
+            goals = list(islice(late, _MOST_TOLD))
         return [
-            f'{goal.action}: its server has not ended the goal that was canceled at {goal.time_of_day}, so '
-            f'{"the robot may move" if goal.resources else "what it does goes on"}; STOP keeps the robot at rest, and '
-            'restart the server if it hangs'
+            f'{goal.action}: its server has not ended the goal canceled at {goal.time_of_day}: '
+            f'{"the robot may move; STOP keeps it at rest," if goal.resources else "what it does goes on;"} restart a '
+            'server that hangs'
             for goal in goals
         ]
 
@@ -113,7 +117,7 @@ class EndingGoals:
         with self._lock:
             if goal not in self._alarms:
                 return
-            self._overdue[goal] = None
+            self._overdue.add(goal)
         held = ', '.join(sorted(goal.resources))
         self._warn(
             f'{goal.action}: its server has not ended the goal {self._patience:g} s after its cancel, so what it does '

@@ -186,7 +186,8 @@ class TreeRun(Generic[Client]):
     @property
     def not_ended(self) -> list[str]:
         """Goals of leaves of any tree that were canceled and go on, for a person."""
-        return self._services.ending.overdue()
+        given_up = self.tree.unfinished if self._ended and self.tree is not None else ()
+        return self._services.ending.overdue(given_up)
 
     def hold(self, reason: str) -> None:
         """Keep the tree paused for a reason of the host's own, until that is ''. From any thread."""

@@ -70,12 +70,15 @@ def test_no_other_goal_moves_the_robot_while_a_canceled_one_goes_on(response: Ca
         assert (told.code, told.failed_node) == (Result.ERROR, 'back'), told.message
         assert 'the goal was not sent' in told.message and 'canceling the goal of spin' in told.message
         assert 'not halted in time: canceling the goal of spin' in told.message
+        (goes_on,) = told.not_ended
+        assert goes_on.startswith('spin: its server has not ended the goal')
 
         for tree, leaf in [('Back', 'back'), ('Turn', 'turn')]:  # of other runs, too
             told = world.client.execute(tree).result
             assert (told.code, told.failed_node) == (Result.FAILURE, leaf), told.message
             assert 'canceling the goal of spin' in told.message
-        assert world.client.execute('Rest').result.code == Result.SUCCESS, 'which moves nothing'
+        told = world.client.execute('Rest').result
+        assert (told.code, told.not_ended) == (Result.SUCCESS, [goes_on]), 'which moves nothing'
         assert (world.navigation.count(names.BACKUP), world.navigation.count(names.SPIN)) == (0, 1)
 
         spin.end(0, 'canceled' if response is CancelResponse.ACCEPT else 'succeed')
@@ -113,9 +116,7 @@ def test_whoever_runs_a_tree_is_told_what_goes_on_in_a_pause() -> None:
         run = world.server_runtime.call(lambda: world.server.goals.running.find(goal.call.goal_id.hex()).run)
         run.hold('a test')
         (told,) = wait_until(lambda: goal.feedback and goal.feedback[-1].not_ended, 'what goes on')
-        assert re.match(
-            r'spin: its server has not ended .* canceled at \d\d:\d\d:\d\d, so the robot may move; STOP', told
-        )
+        assert re.match(r'spin: its server has not ended .* canceled at \d\d:\d\d:\d\d: the robot may move; STOP', told)
         spin.end(0, 'canceled')
         wait_until(lambda: not goal.feedback[-1].not_ended, 'its end')
         run.hold('')

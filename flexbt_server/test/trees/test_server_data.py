@@ -92,6 +92,17 @@ def test_missing_keys_are_named_and_the_others_given(world: World) -> None:
     assert [entry.key for entry in result.entries] == ['there']
 
 
+def test_an_internal_fault_is_told_in_full(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault = RuntimeError('very ' * 100 + 'broken')
+
+    def fails(*_: Any) -> None:
+        raise fault
+
+    monkeypatch.setattr('flexbt_server.actions.data_servers.entries_of', fails)
+    result = world.client.get('there', blackboard='partial')
+    assert (result.code, result.message) == (BtGetData.Result.ERROR, f'fault in the BT server: {fault!r}')
+
+
 def test_blackboards_are_apart_and_the_shared_one_is_shared_by_trees(world: World) -> None:
     world.client.load_tree('<ComputePathToPose goal="{goal}" path="{path}"/>', 'Planner')
     world.client.load_tree('<FollowPath path="{path}"/>', 'Controller')

@@ -38,6 +38,7 @@ class TreeExecution:
         timeout: float | None,
     ) -> None:
         self._state = state
+        self._topic = topic
         self._tree = tree
         self._outputs = dict(outputs)
         self._output_keys = dict(output_keys)
@@ -139,6 +140,8 @@ class TreeExecution:
         if halting is None and self._pause is not None:
             if self._goal.is_over:
                 self._pause.end()  # not before: a tree that is being canceled is not to move once more
+            if (result := self._goal.last_result) is not None:
+                self._warn_of(result.not_ended)  # no feedback tells it any more
             self._pause = None
         return halting
 
@@ -153,9 +156,12 @@ class TreeExecution:
             return None
         return self._progress if self._progress.tree_run_id else Progress(goal_id)
 
-    def _not_paused(self) -> str:
-        pause = self._pause
-        return '' if pause is None else '; '.join(filter(None, [pause.not_paused(), *self._not_ended]))
+    def _not_paused(self) -> Sequence[str]:
+        return () if self._pause is None else (*self._not_ended, *self._pause.not_paused())
+
+    def _warn_of(self, not_ended: Sequence[str]) -> None:
+        for line in state_services(self._state).goals.untold(self._topic, not_ended):
+            self._state.log_warn(line)
 
     def _on_feedback(self, feedback: Any) -> None:
         if (pause := self._pause) is not None:
@@ -170,8 +176,7 @@ class TreeExecution:
         )
         nodes, not_ended = tuple(feedback.active_nodes), tuple(feedback.not_ended)
         if pause is None or not pause.wanted:  # else the status says it
-            for line in set(not_ended) - set(self._not_ended):
-                self._state.log_warn(line)
+            self._warn_of(not_ended)
         if (nodes, not_ended) != (self._activity, self._not_ended):
             self._activity, self._not_ended = nodes, not_ended
             if self._changed is not None:

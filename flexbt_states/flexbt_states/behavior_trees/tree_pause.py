@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from typing import Final
 
 from flexbt_common.calls import ServiceCall, ServiceLink, ServiceOutcome
@@ -34,7 +35,7 @@ class TreePause:
         self._is_known = self._is_over = False
         self._wanted = self._is = False
         self._wanted_at = 0.0
-        self._goes_on = ''
+        self._goes_on: Sequence[str] = ()
         self._call: ServiceCall | None = None
 
     def set(self, paused: bool) -> None:
@@ -58,13 +59,13 @@ class TreePause:
         """Whether the tree is to be paused."""
         return self._wanted
 
-    def not_paused(self) -> str:
-        """Why the tree goes on although it is to be paused, or which of its leaves do; '' when all stands still."""
+    def not_paused(self) -> Sequence[str]:
+        """Why the tree goes on although it is to be paused, or which of its leaves do; empty when all stands still."""
         with self._lock:
             waits = self._wanted and not self._is
             goes_on, wanted_at = self._goes_on, self._wanted_at
         if waits and self._services.runtime.steady.now() - wanted_at > _PATIENCE_SECONDS:
-            return f'{self._link.name} has not confirmed the pause of the tree'
+            return (f'{self._link.name} has not confirmed the pause of the tree',)
         return goes_on
 
     def run_seen(self) -> None:
@@ -92,7 +93,7 @@ class TreePause:
             self._call = None
             if was_known or not reason:
                 self._is = wanted
-                self._goes_on = _what_goes_on(outcome) if wanted else ''
+                self._goes_on = _what_goes_on(outcome) if wanted else ()
             if was_known or self._is_known or not reason:
                 self._agree()  # otherwise it is asked again by run_seen
             is_over = self._is_over  # then nobody may have taken the tree over, and there is no run
@@ -103,10 +104,10 @@ class TreePause:
             self._state.log_warn(f'the tree was not resumed: {reason}')
 
 
-def _what_goes_on(outcome: ServiceOutcome) -> str:
+def _what_goes_on(outcome: ServiceOutcome) -> Sequence[str]:
     """Of a tree that was asked to pause, from the answer."""
     if outcome.response is None:
-        return f'the tree was not paused: {outcome.reason}'
+        return (f'the tree was not paused: {outcome.reason}',)
     if outcome.response.message:
-        return f'the tree was not paused: {outcome.response.message}'
-    return '; '.join(outcome.response.not_paused)
+        return (f'the tree was not paused: {outcome.response.message}',)
+    return tuple(outcome.response.not_paused)

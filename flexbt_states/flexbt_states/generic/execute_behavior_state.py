@@ -66,7 +66,7 @@ class ExecuteBehaviorState(EventState):
             self,
             ExecuteBehavior,
             checked_topic(self, 'topic', topic),
-            lambda: 'pause it at its own executive',
+            lambda: ('pause it at its own executive',),
         )
         self._activity: Sequence[str] = ()
         self._refusal = ''

@@ -54,7 +54,7 @@ class OperatorInputState(EventState):
         self._timeout = checked_timeout(self, 'timeout', timeout)
         self.skill = self.skill.within(self._timeout)
         # A question stays open while the state is paused: nothing moves by it.
-        self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=lambda: '')
+        self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=tuple)
 
     def on_start(self) -> None:
         self._goal.prepare()

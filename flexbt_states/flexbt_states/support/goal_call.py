@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
@@ -25,7 +25,7 @@ class GoalCall:
 
     The state is woken when the goal is done or its time is up. A goal that is still active when the state is left is
     canceled, and the state has not halted before that is confirmed, or the server is gone. ``not_paused`` says why the
-    goal goes on while the state is paused, '' if it does not.
+    goal goes on while the state is paused, or what of it does; nothing if it does not.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class GoalCall:
         state: EventState,
         action_type: type[Any],
         topic: str,
-        not_paused: Callable[[], str] = lambda: 'its action has no pause',
+        not_paused: Callable[[], Sequence[str]] = lambda: ('its action has no pause',),
     ) -> None:
         self._state = state
         self._action_type = action_type
@@ -59,6 +59,12 @@ class GoalCall:
         """Whether it is certain that nobody works on the goal that was sent last."""
         outcome = None if self._last is None else self._last.outcome
         return outcome is not None and outcome.status in _ENDED
+
+    @property
+    def last_result(self) -> Any:
+        """What the server has given for the goal that was sent last; None when it gave nothing, or has not yet."""
+        outcome = None if self._last is None else self._last.outcome
+        return None if outcome is None else outcome.result
 
     def prepare(self) -> None:
         """Look for the server already: called when the run starts, so that discovery is over when the goal is sent."""

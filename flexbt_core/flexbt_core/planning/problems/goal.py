@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from flexbt_core.values import shown
+from flexbt_core.values import excerpt, shown
 
 from .model import Condition, PlanningError
 
@@ -154,7 +154,7 @@ class _Reader:
         return tuple(one for key, one in written.items() if key in kept)
 
     def _error(self, place: int, what: str) -> PlanningError:
-        return PlanningError(f'goal {shown(self._text)}, character {place}: {what}')
+        return PlanningError(f'goal {excerpt(self._text, 200)!r}, character {place}: {what}')
 
 
 def _opposite(literal: str) -> str:
