@@ -25,6 +25,9 @@ SIDE_GAP: Final = 0.03
 SIDE_TIME: Final = 0.4
 """What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
 
+SLOWEST: Final = 0.01
+"""Speed, m/s, below which nothing that rests is approached: the robot would creep for ever, and not arrive."""
+
 AWAY: Final = 0.25
 """From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
 near for each metre that its corners swing, when it is no circle and turns."""
@@ -116,7 +119,8 @@ class KeepingApart:
         self._sights: deque[Sight] = deque()
 
     def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity | None:
-        """Slower on the same arc where the robot comes nearer to something that may move; None when it is near.
+        """Slower on the same arc where the robot comes nearer to something that may move; None when it is so near that
+        the robot would go at less than ``SLOWEST``.
 
         For what comes nearer by itself the robot stops earlier, by as much as that may move until the robot stands,
         and waits.
@@ -132,9 +136,10 @@ class KeepingApart:
         escape = max(closing, AWAY * (speed if here < 0.0 else swing)) * SIDE_TIME / 2.0
         if ahead >= here + escape - SAME_GAP:
             return velocity
-        share = (here - SIDE_GAP - SIDE_TIME * closing) / (SIDE_TIME * speed)
-        if share > 0.0:
-            return Velocity(velocity.linear * min(1.0, share), velocity.angular * min(1.0, share))
+        allowed = (here - SIDE_GAP) / SIDE_TIME - closing
+        if allowed >= min(SLOWEST, speed):
+            share = min(1.0, allowed / speed)
+            return Velocity(velocity.linear * share, velocity.angular * share)
         return STOP if closing > 0.0 else None
 
     def _closing_speed(self, costmap: Costmap, pose: Pose, here: float, now: float) -> float:

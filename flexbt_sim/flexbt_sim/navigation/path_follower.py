@@ -28,7 +28,8 @@ JOIN_DISTANCE: Final = 0.25
 """How much nearer, m, a later part of a new path has to be for the robot to join it there."""
 
 HELD_UP: Final = 0.5
-"""Time, s, from one check to the next that counts as driven at most: ten periods of a controller."""
+"""Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
+controller."""
 
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
@@ -74,22 +75,26 @@ class ProgressChecker:
     """Notices when the robot gets nowhere. It outlives a change of the path.
 
     What counts is the time in which the robot was driven: where time runs away from a busy machine, a controller that
-    was held up for long between two checks says nothing about the robot.
+    was held up for long between two checks says nothing about the robot. It was held up when it took more than twice as
+    long as the shortest time between two checks before, and more than ``HELD_UP``.
     """
 
     def __init__(self, limits: FollowerLimits) -> None:
         self._limits = limits
         self._mark: Pose | None = None
-        self._checked = 0.0
+        self._checked = -math.inf
+        self._shortest = math.inf
         self._driven = 0.0
 
     def check(self, pose: Pose, now: float, turning: bool) -> None:
         """Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own."""
+        passed, self._checked = now - self._checked, now
         if self._mark is None or turning or self._mark.distance(pose) >= self._limits.progress_distance:
             self._mark, self._driven = pose, 0.0
         else:
-            self._driven += min(now - self._checked, HELD_UP)
-        self._checked = now
+            self._driven += min(passed, HELD_UP if self._shortest == math.inf else max(HELD_UP, 2.0 * self._shortest))
+        if passed > 0.0:
+            self._shortest = min(self._shortest, passed)
         if self._driven > self._limits.progress_time:
             raise NavigationError(
                 'FAILED_TO_MAKE_PROGRESS',

@@ -247,6 +247,30 @@ def test_a_predicted_collision_is_one(data: st.DataObject, world: OccupancyMap, 
         assert distances.min() >= RADIUS - world.resolution**2 / (8.0 * RADIUS) - 1e-3
 
 
+def test_a_robot_does_not_creep_towards_what_rests() -> None:
+    """It would come to 0.02 m of it; no allowance ends it."""
+    here = Pose(3.0, 3.0, 0.0)
+    done = run(OPEN, here, DriveMotion(0.46, 0.1, 0.0, seen_from(here, Inflation(), 0.725, 0.0)))
+    assert done.code == 'COLLISION_AHEAD'
+    assert 0.43 < here.distance(done.robot.pose) < 0.45
+
+
+def test_a_box_does_not_creep_with_a_corner_towards_what_rests() -> None:
+    inflation = Inflation.of(box(0.6, 0.4))
+    here = Pose(3.0, 3.0, 0.0)
+    done = run(OPEN, here, SpinMotion(math.tau, 0.0, seen_from(here, inflation, 0.175, 0.375)))
+    assert done.code == 'COLLISION_AHEAD'
+    assert done.robot.pose.yaw > 0.1
+
+
+def seen_from(here: Pose, inflation: Inflation, ahead: float, beside: float) -> Costmap:
+    """The open map, with a point that was seen, the middle of a cell."""
+    layers = LayeredCostmap(Costmap(OPEN, inflation), window=3.0)
+    angles, ranges = numpy.array([math.atan2(beside, ahead)]), numpy.array([math.hypot(beside, ahead)])
+    layers.observe(Observation(here, angles, ranges), here)
+    return layers.costmap
+
+
 @pytest.mark.parametrize(
     ('bearing', 'aim', 'speed', 'begin'),
     [

@@ -257,11 +257,20 @@ def test_progress_is_half_a_metre_in_ten_seconds_whatever_path_is_followed() -> 
 def test_that_the_controller_was_held_up_is_no_lack_of_progress() -> None:
     """Where time runs away from a busy machine the robot stands, and turns on when the controller does."""
     motion = follower(line((1.0, 1.0), (6.0, 1.0)))
-    for number in range(round(FOLLOWER.progress_time / HELD_UP)):
+    assert motion.step(Pose(1.0, 1.0, 3.0), -PERIOD) is not None
+    for number in range(round(FOLLOWER.progress_time / HELD_UP) - 1):
         assert motion.step(Pose(1.0, 1.0, 3.0), 4.0 * number) is not None
     with pytest.raises(NavigationError, match='moved less than'):
         for number in range(3):
             motion.step(Pose(1.0, 1.0, 3.0), 100.0 + number)
+
+
+def test_where_poses_come_once_a_second_it_is_told_in_time_too() -> None:
+    progress = ProgressChecker(FOLLOWER)
+    with pytest.raises(NavigationError, match='moved less than'):
+        for second in range(int(FOLLOWER.progress_time) + 2):
+            progress.check(Pose(1.0, 1.0, 0.0), float(second), turning=False)
+    assert second > FOLLOWER.progress_time
 
 
 def test_a_turn_at_the_goal_is_progress() -> None:
