@@ -99,7 +99,7 @@ class World:
         self._next_scan = 0.0
         self._space = Space(world)
         self._rays = RayCaster(world)
-        self._faults: list[Fault] = []
+        self._faults: dict[str, dict[str, Fault]] = {}
         self._begun: set[Fault] = set()
 
     @classmethod
@@ -168,14 +168,12 @@ class World:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Those that are there or to come."""
-        return tuple(self._faults)
+        """Those that are there or to come, by entities."""
+        return tuple(one for of_entity in self._faults.values() for one in of_entity.values())
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
         """The parameters of those that an entity has now, by their slots; whoever carries them out."""
-        return {
-            one.parameters.slot: one.parameters for one in self._faults if one in self._begun and one.entity == entity
-        }
+        return {slot: one.parameters for slot, one in self._faults.get(entity, {}).items() if one in self._begun}
 
     # -- changes -----------------------------------------------------------------------------------------------------
 
@@ -247,8 +245,7 @@ class World:
             self._robots[robot].holds = ''
         del self._entities[name]
         del self._of_kind(entity)[name]
-        self._faults = [one for one in self._faults if one.entity != name]
-        self._begun = {one for one in self._begun if one.entity != name}
+        self._begun.difference_update(self._faults.pop(name, {}).values())
         self._next_scan = 0.0
 
     def move(self, name: str, pose: Pose) -> None:
@@ -266,7 +263,7 @@ class World:
             for robot in [robot for robot, one in self._held.items() if one is entity]:
                 self._let_go(robot)
             entity.place(pose)
-            self._space.changed()
+            self._space.changed(entity)
         elif isinstance(entity, Station | Zone):
             entity.model = dataclasses.replace(entity.model, pose=pose)
 
@@ -322,7 +319,7 @@ class World:
         self._space.check(thing, pose, self._space.touching(pose.x, pose.y, thing.radius), on_map=True)
         self._let_go(robot)
         thing.place(pose)
-        self._space.changed()
+        self._space.changed(thing)
         return thing.name
 
     def _gripper(self, robot: str) -> GripperModel:
@@ -361,7 +358,7 @@ class World:
             if isinstance(entity, Robot | Obstacle | Door):
                 entity.reset()
         self._next_scan = 0.0
-        self._space.changed()
+        self._space.changed(*self._movers)
 
     def _entity(self, name: str) -> Entity:
         if name not in self._entities:
@@ -388,12 +385,12 @@ class World:
             raise SimulationError(f"{fault}: '{entity}' is a {kind}; a {' or a '.join(values.entities)} can have it")
         if not (0.0 <= after < math.inf and 0.0 <= duration < math.inf):
             raise SimulationError(f'{fault}: after {after:g} s for {duration:g} s; give times that are not negative')
-        for one in [one for one in self._faults if (one.entity, one.parameters.slot) == (entity, values.slot)]:
-            self._end(one)
+        if (before := self._faults.get(entity, {}).get(values.slot)) is not None:
+            self._end(before)
         begins = self.time + after
         made = Fault(entity, values, begins, begins + duration if duration else math.inf)
-        self._faults.append(made)
-        self._run_faults()
+        self._faults.setdefault(entity, {})[values.slot] = made
+        self._run(made)
         return made
 
     def clear_fault(self, entity: str, fault: str = '') -> int:
@@ -403,26 +400,29 @@ class World:
             SimulationError: there is no such entity.
         """
         self._entity(entity)
-        ended = [one for one in self._faults if one.entity == entity and fault in ('', one.name)]
+        ended = [one for one in self._faults.get(entity, {}).values() if fault in ('', one.name)]
         for one in ended:
             self._end(one)
         return len(ended)
 
-    def _run_faults(self) -> None:
+    def _run(self, one: Fault) -> None:
+        """Begin or end a fault when it is time."""
         now = self.time + 1e-9
-        for one in list(self._faults):
-            entity = self._entities[one.entity]
-            if one.begins <= now and one not in self._begun:
-                self._begun.add(one)
-                if isinstance(entity, Robot):
-                    entity.begin(one.parameters.slot, one.parameters)
-                elif isinstance(entity, Door):
-                    entity.is_jammed = True
-            if one.ends <= now:
-                self._end(one)
+        entity = self._entities[one.entity]
+        if one.begins <= now and one not in self._begun:
+            self._begun.add(one)
+            if isinstance(entity, Robot):
+                entity.begin(one.parameters.slot, one.parameters)
+            elif isinstance(entity, Door):
+                entity.is_jammed = True
+        if one.ends <= now:
+            self._end(one)
 
     def _end(self, one: Fault) -> None:
-        self._faults.remove(one)
+        of_entity = self._faults[one.entity]
+        del of_entity[one.parameters.slot]
+        if not of_entity:
+            del self._faults[one.entity]
         if one in self._begun:
             self._begun.remove(one)
             entity = self._entities[one.entity]
@@ -450,8 +450,8 @@ class World:
             left -= longest
 
     def _tick(self, nanoseconds: int) -> None:
-        if self._faults:
-            self._run_faults()
+        for one in self.faults:
+            self._run(one)
         duration = nanoseconds * 1e-9
         self._space.begin(self.time)
         for body in self._movers:
@@ -513,7 +513,7 @@ class World:
         """
         entity = self._entity(name)
         kind = type(entity).__name__.lower()
-        faults = tuple(self.active_faults(name)) if self._faults else ()
+        faults = tuple(self.active_faults(name))
         if isinstance(entity, Robot):
             return EntityState(
                 name, kind, entity.pose, (entity.linear, 0.0), entity.angular, faults, entity.odometry,

@@ -124,6 +124,48 @@ def test_work_is_in_proportion_to_how_many_come_and_go() -> None:
     assert lines_of(come_and_go(100)) < 1.3 * 2 * lines_of(come_and_go(50))
 
 
+def test_who_comes_to_a_running_world_costs_no_more_among_many() -> None:
+    def one_comes(others: int) -> int:
+        world = World()
+        for number in range(others):
+            at = Pose(3.0 * (number % 20), 3.0 * (number // 20), 0.0)
+            world.add(f'box{number}', ObstacleModel(at, Circle(0.2)))
+
+        def run() -> None:
+            world.add('robot', RobotModel(footprint=Circle(0.2), lidar=None), Pose(1.5, 0.0, 0.0))
+            world.move('box0', Pose(0.1, 0.0, 0.0))
+            world.check_place('robot', Pose(1.6, 0.0, 0.0))
+            world.remove('robot')
+
+        count = 0
+        for _ in range(3):
+            world.step()
+            count += lines_of(run)
+        return count
+
+    assert one_comes(200) < 1.1 * one_comes(50)
+
+
+def test_work_is_in_proportion_to_how_many_have_faults() -> None:
+    def faults(count: int) -> Callable[[], None]:
+        world = World()
+        for number in range(count):
+            world.add(f'robot{number}', RobotModel(footprint=Circle(0.2), lidar=None), Pose(number, 0.0, 0.0))
+
+        def run() -> None:
+            for number in range(count):
+                world.set_fault(f'robot{number}', 'stuck_wheel', after=1.0)
+                world.set_fault(f'robot{number}', 'lidar_frozen')
+                world.set_fault(f'robot{number}', 'stuck_wheel', after=2.0)
+            world.snapshot()
+            for number in range(count):
+                world.clear_fault(f'robot{number}')
+
+        return run
+
+    assert lines_of(faults(80)) < 1.3 * 2 * lines_of(faults(40))
+
+
 def lines_of(run: Callable[[], None]) -> int:
     """How many lines of Python are gone through: the same on each computer."""
     count, tracing = 0, sys.gettrace()

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from .bodies import Body
+from .geometry import Pose
 
 _BLOCK: Final = 2.0
 """Side of the squares, m."""
@@ -18,13 +19,14 @@ _LARGE: Final = 20.0
 
 
 class Blocks:
-    """Bodies where they are now, each with a ``margin`` round it, m.
+    """Bodies where they were when that was told, each with a ``margin`` round it, m.
 
     ``squares`` has those that touch a square by its column and row; ``large`` those that are near to all.
     """
 
     def __init__(self, bodies: Iterable[Body], margin: float) -> None:
         self._margin = margin
+        self._at: dict[str, Pose] = {}
         self.squares: dict[tuple[int, int], list[Body]] = defaultdict(list)
         self.large: list[Body] = []
         for body in bodies:
@@ -32,11 +34,29 @@ class Blocks:
 
     def add(self, body: Body) -> None:
         """One more body."""
+        self._at[body.name] = body.pose
         if body.radius > _LARGE:
             self.large.append(body)
             return
         for square in _squares(body.pose.x, body.pose.y, body.radius + self._margin):
             self.squares[square].append(body)
+
+    def remove(self, body: Body) -> None:
+        """One body less, wherever it is now."""
+        at = self._at.pop(body.name)
+        if body.radius > _LARGE:
+            self.large.remove(body)
+            return
+        for square in _squares(at.x, at.y, body.radius + self._margin):
+            self.squares[square].remove(body)
+            if not self.squares[square]:
+                del self.squares[square]
+
+    def moved(self, body: Body) -> None:
+        """A body may be elsewhere now."""
+        if self._at[body.name] != body.pose:
+            self.remove(body)
+            self.add(body)
 
     def touching(self, x: float, y: float, radius: float) -> list[Body]:
         """Those that may touch a circle, ordered by their names, and others near it."""

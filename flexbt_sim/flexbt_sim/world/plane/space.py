@@ -42,9 +42,11 @@ class Space:
         self.map = world
         self.time = 0.0
         self._bodies: dict[str, Body] = {}
+        self._mobile: dict[str, Body] = {}
         self._fastest = 0.0
         self._is_changed = False
-        self._places: Blocks | None = Blocks((), 0.0)
+        self._places = Blocks((), 0.0)
+        self._have_moved = False
         self._near_since = self._near_until = -math.inf
         if world is not None:
             self._field = world.half_cell_distances
@@ -54,27 +56,29 @@ class Space:
     def add(self, body: Body) -> None:
         """One more body."""
         self._bodies[body.name] = body
-        places = self._places
+        if body.is_mobile:
+            self._mobile[body.name] = body
+        self._places.add(body)
         self.changed()
-        if places is not None:  # thousands come one after the other
-            places.add(body)
-            self._places = places
 
     def remove(self, body: Body) -> None:
         """One body less."""
         del self._bodies[body.name]
+        self._mobile.pop(body.name, None)
+        self._places.remove(body)
         self.changed()
 
-    def changed(self) -> None:
-        """Something was put somewhere: what was found out before does not hold any more."""
+    def changed(self, *placed: Body) -> None:
+        """Bodies were put somewhere: what was found out before does not hold any more."""
         self._is_changed = True
         self._near_until = -math.inf
-        self._places = None
+        for body in placed:
+            self._places.moved(body)
 
     def begin(self, time: float) -> None:
         """A tick begins, in which the bodies move."""
         self.time = time
-        self._places = None
+        self._have_moved = True
         if self._is_changed:
             self._is_changed = False
             self._near_until = -math.inf  # somebody may have asked meanwhile
@@ -84,8 +88,10 @@ class Space:
 
     def touching(self, x: float, y: float, radius: float) -> Iterable[Body]:
         """The bodies that may touch a circle, by their names, and others near it."""
-        if self._places is None:
-            self._places = Blocks(self._bodies.values(), 0.0)
+        if self._have_moved:
+            self._have_moved = False
+            for body in self._mobile.values():
+                self._places.moved(body)
         return self._places.touching(x, y, radius)
 
     # -- distances ---------------------------------------------------------------------------------------------------
@@ -166,8 +172,7 @@ class Space:
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
         """Whether a robot or a moving obstacle is within a distance, m, of a point."""
         return any(
-            body.is_mobile and math.hypot(body.pose.x - x, body.pose.y - y) <= distance + body.radius
-            for body in self._bodies.values()
+            math.hypot(body.pose.x - x, body.pose.y - y) <= distance + body.radius for body in self._mobile.values()
         )
 
     # -- movement ----------------------------------------------------------------------------------------------------
