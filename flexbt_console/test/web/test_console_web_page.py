@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import time
@@ -137,6 +138,16 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
             ' return [...s]'
         )
         assert {'48,52,60', '255,255,255', '29,95,208', '179,38,30'} <= set(colours)
+        # Names of places that are near each other stand beside each other, as far as there is room.
+        boxes = browser.run(
+            'const {RobotMap} = await import("./map.js");'
+            'const context = document.createElement("canvas").getContext("2d"), boxes = [];'
+            'for (const y of [50, 52, 54, 56, 58, 90]) RobotMap.prototype.label(context, "a_door", 99, y, boxes);'
+            'return boxes.map((one) => [one.left, one.right, one.top, one.bottom])'
+        )
+        assert len(boxes) == 5
+        for (left, right, top, bottom), other in itertools.combinations(boxes, 2):
+            assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
         # On a telephone the page scrolls, and its stop stays where it is.
         phone = {'width': 390, 'height': 844, 'deviceScaleFactor': 1, 'mobile': True}
         browser.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)

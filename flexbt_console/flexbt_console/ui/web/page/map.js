@@ -129,13 +129,14 @@ export class RobotMap {
     line(this.driven, this.colour('--driven'), 2, []);
     line(this.plan, this.colour('--plan'), 2.5, [7, 4]);
     context.font = '12px system-ui, sans-serif';
+    const boxes = [];
     for (const [name, place] of Object.entries(this.places)) {
       const [x, y] = at(place);
       context.fillStyle = this.colour('--decision');
       context.beginPath();
       context.arc(x, y, 3, 0, 7);
       context.fill();
-      context.fillText(name.slice(0, 40), x + 5, y - 4);
+      this.label(context, name.slice(0, 40), x, y, boxes);
     }
     for (const [, x, y, radius] of this.obstacles) {
       context.fillStyle = this.colour('--warning');
@@ -169,6 +170,18 @@ export class RobotMap {
       context.arc(...where, 12, 0, 7);
       context.stroke();
       if (this.mode === 'pose') this.arrow(context, where, this.cursor.yaw, this.colour('--accent'), 9);
+    }
+  }
+
+  // A name beside its place, where it covers none of those before; nowhere if there is no such side.
+  label(context, text, x, y, boxes) {
+    const wide = context.measureText(text).width;
+    for (const [left, base] of [[x + 5, y - 4], [x + 5, y + 13], [x - 5 - wide, y - 4], [x - 5 - wide, y + 13]]) {
+      const box = {left, right: left + wide, top: base - 10, bottom: base + 3};
+      if (boxes.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom)) continue;
+      boxes.push(box);
+      context.fillText(text, left, base);
+      return;
     }
   }
 
