@@ -142,10 +142,10 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         boxes = browser.run(
             'const {RobotMap} = await import("./map.js");'
             'const context = document.createElement("canvas").getContext("2d"), boxes = [];'
-            'for (const y of [50, 52, 54, 56, 58, 90]) RobotMap.prototype.label(context, "a_door", 99, y, boxes);'
+            'for (const y of [50, 52, 54, 56, 58, 90]) RobotMap.prototype.label(context, "door", 99, y, 120, boxes);'
             'return boxes.map((one) => [one.left, one.right, one.top, one.bottom])'
         )
-        assert len(boxes) == 5
+        assert len(boxes) == 5 and all(right <= 120 for _, right, _, _ in boxes)
         for (left, right, top, bottom), other in itertools.combinations(boxes, 2):
             assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
         # On a telephone the page scrolls, and its stop stays where it is.

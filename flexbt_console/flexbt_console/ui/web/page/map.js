@@ -136,7 +136,7 @@ export class RobotMap {
       context.beginPath();
       context.arc(x, y, 3, 0, 7);
       context.fill();
-      this.label(context, name.slice(0, 40), x, y, boxes);
+      this.label(context, name.slice(0, 40), x, y, width, boxes);
     }
     for (const [, x, y, radius] of this.obstacles) {
       context.fillStyle = this.colour('--warning');
@@ -173,10 +173,11 @@ export class RobotMap {
     }
   }
 
-  // A name beside its place, where it covers none of those before; nowhere if there is no such side.
-  label(context, text, x, y, boxes) {
+  // A name beside its place, on the canvas, where it covers none of those before; nowhere if there is no such side.
+  label(context, text, x, y, width, boxes) {
     const wide = context.measureText(text).width;
-    for (const [left, base] of [[x + 5, y - 4], [x + 5, y + 13], [x - 5 - wide, y - 4], [x - 5 - wide, y + 13]]) {
+    for (const [start, base] of [[x + 5, y - 4], [x + 5, y + 13], [x - 5 - wide, y - 4], [x - 5 - wide, y + 13]]) {
+      const left = Math.max(0, Math.min(start, width - wide));
       const box = {left, right: left + wide, top: base - 10, bottom: base + 3};
       if (boxes.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom)) continue;
       boxes.push(box);
