@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections import OrderedDict
+from functools import total_ordering
 from typing import Any
 
 from hypothesis import given, settings
@@ -42,3 +45,41 @@ def test_nothing_raises_and_a_value_is_cut_before_it_is_written() -> None:
         deep = [deep]
     for value in (Hostile(), 10**5000, deep, 'x' * 10**7, [['x' * 10**6] * 1000] * 1000):  # the last would be 1 TB
         assert 0 < len(shown(value)) <= MOST, type(value)
+
+
+@total_ordering
+class Counted:
+    work = 0
+
+    def __repr__(self) -> str:
+        Counted.work += 1
+        return 'c'
+
+    def __lt__(self, other: object) -> bool:
+        Counted.work += 1
+        return id(self) < id(other)
+
+
+def nested(depth: int) -> list[Any]:
+    return [nested(depth - 1) if depth else Counted() for _ in range(30)]
+
+
+def test_what_is_left_out_is_not_looked_at() -> None:
+    many = [Counted() for _ in range(10_000)]
+    value: Any
+    for value in (nested(3), set(many), frozenset(many), dict.fromkeys(many), OrderedDict.fromkeys(many), many):
+        Counted.work = 0
+        assert 'c' in shown(value) and Counted.work < 5 * MOST, type(value)
+    large = bytes(10**7)
+    for value in (large, bytearray(large), {'data': large}):
+        tracemalloc.start()
+        assert 'x00' in shown(value)
+        assert tracemalloc.get_traced_memory()[1] < 10**5
+        tracemalloc.stop()
+
+
+def test_what_is_derived_from_a_collection_is_shown_with_its_type() -> None:
+    class Name(str): ...
+
+    assert shown(Name('n')) == "'n'"
+    assert shown(OrderedDict(a=1)) == "OrderedDict({'a': 1})"
