@@ -37,7 +37,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime, let_go_of_lifecycle, refuse_while_configured, run_node
+from flexbt_common.runtime import DeepNode, NodeRuntime, let_go_of_lifecycle, refuse_while_configured, run_node
 from flexbt_core.errors import FlexbtError
 
 from .diagnostics import DiagnosticsPublisher, diagnostic_status
@@ -93,7 +93,7 @@ def unconfigured(node: Node) -> str:
     )
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(DeepNode, LifecycleNode):
     """The node of a :class:`NodeRuntime`; :meth:`manage` says of what."""
 
     def __init__(self, name: str, **options: Any) -> None:

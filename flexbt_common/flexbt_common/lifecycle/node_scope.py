@@ -111,7 +111,7 @@ class NodeScope(NodeRuntime):
 
         Event handlers go with their topic. The node's own subscription to the simulated time is none of ours.
         """
-        node = self.node
+        node: Any = self.node
         actions = [waitable for waitable in node.waitables if isinstance(waitable, ActionServer | ActionClient)]
         topics = [subscription for subscription in node.subscriptions if subscription.topic_name != CLOCK]
         return {

@@ -4,7 +4,7 @@
 from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .ignored_participant import ignore_participant
 from .latest_message import LatestMessage
-from .node_runtime import CALL_SECONDS, NodeRuntime, run_node
+from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
 from .parameters import ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
     ACTION_CLIENT,
@@ -26,6 +26,7 @@ __all__ = [
     'CALL_SECONDS',
     'HANG_SECONDS',
     'UNKNOWN_WRITER',
+    'DeepNode',
     'Hang',
     'Health',
     'HeardTime',

@@ -36,9 +36,11 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from flexbt_common.names import deep_services
 from flexbt_core.clock import SteadyClock
 from flexbt_core.values import lines
 
@@ -72,6 +74,14 @@ _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
 
+class DeepNode(Node):
+    """A node whose services have the depth of :func:`flexbt_common.names.deep_services` where no other is given."""
+
+    def create_service(self, *args: Any, qos_profile: QoSProfile | None = None, **options: Any) -> Any:
+        """See :meth:`rclpy.node.Node.create_service`."""
+        return super().create_service(*args, qos_profile=qos_profile or deep_services(), **options)
+
+
 class NodeRuntime:
     """One node, one executor thread, two clocks.
 
@@ -87,7 +97,7 @@ class NodeRuntime:
         args: Sequence[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
-        node_class: type[Node] = Node,
+        node_class: type[DeepNode] = DeepNode,
     ) -> None:
         """Start a node in a context of its own.
 
@@ -143,7 +153,7 @@ class NodeRuntime:
         args: Sequence[str] | None = (),
         parameters: Mapping[str, Any] | None = None,
         namespace: str | None = None,
-        node_class: type[Node] = Node,
+        node_class: type[DeepNode] = DeepNode,
     ) -> Iterator[NodeRuntime]:
         """A runtime for the length of a ``with`` block; by default without the arguments of the process."""
         runtime = cls(name, args=args, parameters=parameters, namespace=namespace, node_class=node_class)
@@ -371,7 +381,7 @@ def run_node(
     name: str,
     setup: Callable[[NodeRuntime], object],
     args: list[str] | None = None,
-    node_class: type[Node] = Node,
+    node_class: type[DeepNode] = DeepNode,
     about: str | None = None,
 ) -> int:
     """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.

@@ -37,7 +37,6 @@ class ControlServer:
             ControlTree,
             names.CONTROL_TREE,
             self._serve,
-            qos_profile=names.deep_services(),
             # In the group of the node a request that waits would hold up all that the node does.
             callback_group=ReentrantCallbackGroup(),
         )

@@ -94,7 +94,7 @@ class Navigation:
         def services() -> None:
             node = runtime.node
             for which, name in (('global', names.CLEAR_GLOBAL_COSTMAP), ('local', names.CLEAR_LOCAL_COSTMAP)):
-                node.create_service(ClearEntireCostmap, name, self._clear(which), qos_profile=names.deep_services())
+                node.create_service(ClearEntireCostmap, name, self._clear(which))
             node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
         runtime.call(services)
