@@ -10,7 +10,6 @@ import contextlib
 import faulthandler
 import importlib.util
 import os
-import select
 import signal
 import sys
 import threading
@@ -45,6 +44,8 @@ from flexbt_console.mirror import LOST_SECONDS, Fleet, LinkState, Mirror, Pose, 
 from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
 from flexbt_core.values import lines
 
+from .terminal_watch import TerminalWatch
+
 if TYPE_CHECKING:
     from flexbt_common.runtime import NodeRuntime
     from flexbt_console.link import FleetLink, OperatorLink
@@ -67,6 +68,7 @@ LEAVING = 'the robot goes on'
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _CLOSE_SECONDS = 10.0
+_FLUSH_SECONDS = 0.5
 
 
 class _Interrupted(Exception):
@@ -100,7 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(words, line, error.exit_code, str(error))
     except _Interrupted:
         endless = line is not None and line.spec is not None and isinstance(line.spec.action, Mode)
-        return ExitCode.OK if endless else ExitCode.INTERRUPTED
+        code = ExitCode.OK if endless else ExitCode.INTERRUPTED
+        _flush_or_leave(code)
+        return code
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
@@ -118,6 +122,22 @@ def _flush() -> None:
         raise
     except OSError:  # the terminal is gone
         abandon_stdout()
+
+
+def _flush_or_leave(code: ExitCode) -> None:
+    """Output that nobody takes must not hold up the end, which the interpreter would do."""
+
+    def flush() -> None:
+        try:
+            _flush()
+        except BrokenPipeError:
+            abandon_stdout()
+
+    flushing = threading.Thread(target=flush, name='flush', daemon=True)
+    flushing.start()
+    flushing.join(_FLUSH_SECONDS)
+    if flushing.is_alive():
+        os._exit(code)
 
 
 def _run(line: CommandLine) -> ExitCode:
@@ -193,13 +213,22 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         ) from None
     with _open_runtime(line) as runtime:
-        is_over = _end_with_stdin()
-        try:
-            run(line, runtime)
-        except Exception:  # whatever cannot be done to a terminal that is gone
-            if not is_over.is_set():
-                raise
+        with _watched_terminal(runtime.close) as watch:
+            run(line, runtime, watch)
         return ExitCode.OK
+
+
+@contextlib.contextmanager
+def _watched_terminal(sign_off: Callable[[], object] = lambda: None) -> Iterator[TerminalWatch]:
+    watch = TerminalWatch(sign_off)
+    _raise_at_signals(watch.signaled)
+    try:
+        yield watch
+    except Exception:  # whatever cannot be done to a terminal that is gone
+        if not watch.has_given_up.is_set():
+            raise
+    finally:
+        watch.close()
 
 
 def _run_replay(line: CommandLine) -> ExitCode:
@@ -215,7 +244,8 @@ def _run_replay(line: CommandLine) -> ExitCode:
         if error.name is None or not error.name.startswith('textual'):
             raise
         raise UsageError('the screen needs textual: install it, or use the executable `replay`') from None
-    show_recording(player, SteadyClock())
+    with _watched_terminal():
+        show_recording(player, SteadyClock())
     return ExitCode.OK
 
 
@@ -268,36 +298,19 @@ def _is_served() -> bool:
     return os.environ.get('TEXTUAL_DRIVER', '').endswith('WebDriver')
 
 
-def _end_with_stdin() -> threading.Event:
-    """Leave when the terminal, or the server of the browser, is gone, which is told by what is given.
-
-    Textual would go on, and keep its operator present. A signal does not tell all: whoever has started this may be the
-    one who gets it, and wait for our end.
-    """
-    stdin, is_over = select.poll(), threading.Event()
-    stdin.register(0, 0)  # the end is told all the same
-
-    def wait() -> None:
-        stdin.poll()
-        is_over.set()
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, name='end_with_stdin', daemon=True).start()
-    return is_over
-
-
-def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime], None]:
+def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime, TerminalWatch], None]:
     if mode is Mode.PROMPT:
         from .prompt import run_prompt
 
-        def prompt(line: CommandLine, runtime: NodeRuntime) -> None:
+        def prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
             mirror, link, make = _parts(line, runtime)
-            run_prompt(mirror, link, make, _timeout(line), runtime.steady, line.value('--leaving') or LEAVING)
+            leaving = line.value('--leaving') or LEAVING
+            run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.signaled)
 
         return prompt
     from .screen import run_screen
 
-    def screen(line: CommandLine, runtime: NodeRuntime) -> None:
+    def screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
         robots = _fleet(line, runtime, _operator(line))
         make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
         run_screen(*robots.select(robots.own), make, _timeout(line), runtime.steady, leaving, robots)
@@ -406,11 +419,12 @@ def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, rea
     return exit_code
 
 
-def _raise_at_signals() -> None:
+def _raise_at_signals(tell: Callable[[int], object] = lambda number: None) -> None:
     """Raise _Interrupted on the main thread at the first signal; further ones cannot disturb the orderly end."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         _ignore_signals()
+        tell(number)
         raise _Interrupted
 
     for known in _SIGNALS:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import pty
@@ -32,6 +33,7 @@ class Terminal:
         self.makes_signals = False
         """Whether a key could have been a signal since the greeting."""
         self._answered = 0
+        self._is_full = False
         self.pid, self._fd = pty.fork()
         if self.pid == 0:
             os.environ.update({'TERM': 'xterm-256color', **environment})
@@ -55,6 +57,15 @@ class Terminal:
         os.close(self._fd)
         self._fd = -1
 
+    def fill(self) -> None:
+        """Take nothing any more, and be full."""
+        other = os.open(f'/proc/{self.pid}/fd/0', os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        while select.select([], [other], [], 0.5)[1]:  # the kernel takes it on a moment later
+            with contextlib.suppress(BlockingIOError):
+                os.write(other, bytes(4096))
+        os.close(other)
+        self._is_full = True
+
     def exit_code(self) -> int:
         """Wait for the end."""
         deadline = time.monotonic() + DEADLINE
@@ -69,7 +80,7 @@ class Terminal:
         raise AssertionError('the console did not end')
 
     def _read(self) -> None:
-        if self._fd < 0:
+        if self._fd < 0 or self._is_full:
             time.sleep(0.01)
             return
         if not select.select([self._fd], [], [], 0.05)[0]:
@@ -147,6 +158,15 @@ def test_it_ends_on_a_hangup_signal() -> None:
     os.kill(terminal.pid, signal.SIGHUP)
     assert terminal.exit_code() == 0
     assert b'Traceback' not in terminal.output
+
+
+@pytest.mark.parametrize('mode', ['screen', 'prompt'])
+def test_a_signal_ends_it_whatever_its_terminal_does(mode: str) -> None:
+    terminal = Terminal('--namespace', 'full', mode=mode)
+    terminal.read_until(b'NO EXECUTIVE')
+    terminal.fill()
+    os.kill(terminal.pid, signal.SIGTERM)
+    assert terminal.exit_code() == 128 + signal.SIGTERM
 
 
 def test_no_color_and_sigterm() -> None:

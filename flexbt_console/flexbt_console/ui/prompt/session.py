@@ -11,8 +11,9 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any, Final, Protocol
 
 from prompt_toolkit import PromptSession
@@ -78,9 +79,21 @@ STYLE: Final = Style.from_dict(
 )
 
 
-def run_prompt(mirror: Mirror, link: Link, make: CommandBuilder, timeout: float, clock: Clock, leaving: str) -> None:
-    """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT or SIGTERM comes."""
-    asyncio.run(Prompt(mirror, link, make, timeout, clock, leaving, input=RawInput()).run())
+_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+
+
+def run_prompt(
+    mirror: Mirror,
+    link: Link,
+    make: CommandBuilder,
+    timeout: float,
+    clock: Clock,
+    leaving: str,
+    signaled: Callable[[int], object],
+) -> None:
+    """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT, SIGTERM or SIGHUP
+    comes, of which ``signaled`` is told in the handler."""
+    asyncio.run(Prompt(mirror, link, make, timeout, clock, leaving, signaled=signaled, input=RawInput()).run())
 
 
 @dataclass(frozen=True)
@@ -108,6 +121,7 @@ class Prompt:
         clock: Clock,
         leaving: str,
         *,
+        signaled: Callable[[int], object] = lambda number: None,
         input: Input | None = None,
         output: Output | None = None,
     ) -> None:
@@ -117,6 +131,7 @@ class Prompt:
         self._timeout = timeout
         self._clock = clock
         self._leaving = leaving
+        self._signaled = signaled
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
         self._attention = Attention(clock)
@@ -162,8 +177,7 @@ class Prompt:
         self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
-        for known in (signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(known, self._over.set)
+        before = {known: signal.signal(known, self._end_by) for known in _SIGNALS}
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
         with self._session.app.input.raw_mode():
             tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
@@ -171,8 +185,8 @@ class Prompt:
                 await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 self._ended = True
-                for known in (signal.SIGTERM, signal.SIGHUP):
-                    loop.remove_signal_handler(known)
+                for known, handler in before.items():
+                    signal.signal(known, handler)
                 for task in tasks:
                     task.cancel()
                 results = await asyncio.gather(*tasks, return_exceptions=True)
@@ -180,11 +194,17 @@ class Prompt:
             if isinstance(error, Exception) and not is_gone(error):
                 raise error
 
+    def _end_by(self, number: int, frame: FrameType | None) -> None:
+        # Not a handler of the event loop, which is told nothing while it writes to a full terminal.
+        self._signaled(number)
+        with contextlib.suppress(RuntimeError):  # the loop was closed just now
+            self._loop.call_soon_threadsafe(self._over.set)
+
     async def _read(self) -> None:
         """Read and do lines until the operator quits."""
         while True:
             try:
-                text = await self._session.prompt_async(set_exception_handler=False)
+                text = await self._session.prompt_async(set_exception_handler=False, handle_sigint=False)
             except EOFError:
                 return
             except KeyboardInterrupt:

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""No console outlives its terminal: neither one that is gone, nor one that takes no more output."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import termios
+import threading
+from collections.abc import Callable
+from typing import Final
+
+UNSEEN_SECONDS: Final = 30.0
+"""Who sees nothing of what happens for so long is not present."""
+
+_CHECK_SECONDS: Final = 5.0
+_FULL_SECONDS: Final = 0.5
+_SIGN_OFF_SECONDS: Final = 1.0
+
+
+class TerminalWatch:
+    """Has the process end by SIGTERM when the terminal on its standard streams, or the server of the browser, is gone,
+    or has taken nothing for :data:`UNSEEN_SECONDS`.
+
+    What writes to a full terminal waits for ever: Textual and prompt_toolkit, on the main thread, also when they are to
+    end. So whoever handles a signal that ends the process says so by :meth:`signaled`. Where the terminal takes
+    nothing then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it.
+
+    That the terminal is gone is told by what is given: a signal does not tell all, for whoever has started this may be
+    the one who gets it, and wait for our end.
+    """
+
+    def __init__(self, sign_off: Callable[[], object]) -> None:
+        self.has_given_up = threading.Event()
+        """Whether there is nobody to whom anything could be shown."""
+        self._sign_off = sign_off
+        self._is_over = threading.Event()
+        self._signals, self._signaled = os.pipe()
+        self._attributes = None
+        with contextlib.suppress(termios.error):  # the server of the browser
+            self._attributes = termios.tcgetattr(0)
+        threading.Thread(target=self._watch, name='terminal_watch', daemon=True).start()
+
+    def signaled(self, number: int) -> None:
+        """The process ends because of this signal; may be called by its handler, and more than once."""
+        os.write(self._signaled, bytes((number,)))
+
+    def close(self) -> None:
+        """The terminal is not used any more."""
+        self._is_over.set()
+        self.signaled(0)
+
+    def _watch(self) -> None:
+        number = self._ending()
+        room = select.poll()
+        room.register(1, select.POLLOUT)
+        while room.poll(_FULL_SECONDS * 1000):
+            if self._is_over.wait(0.1):
+                return
+        if self._is_over.is_set():
+            return
+        signing_off = threading.Thread(target=self._sign_off, name='sign_off', daemon=True)
+        signing_off.start()
+        signing_off.join(_SIGN_OFF_SECONDS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU})  # of a terminal that is another's now
+        if self._attributes is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(0, termios.TCSANOW, self._attributes)
+        os._exit(128 + number)
+
+    def _ending(self) -> int:
+        """Wait for the signal that ends the process, or give it."""
+        changes = select.poll()
+        changes.register(0, 0)  # the end is told all the same
+        changes.register(1, 0)
+        changes.register(self._signals, select.POLLIN)
+        while not (events := dict(changes.poll(_CHECK_SECONDS * 1000))):
+            changes.modify(1, select.POLLOUT)
+            events = dict(changes.poll(UNSEEN_SECONDS * 1000))
+            changes.modify(1, 0)
+            if events != {1: select.POLLOUT}:
+                break
+        if self._signals in events:
+            return os.read(self._signals, 1)[0]
+        self.has_given_up.set()
+        os.kill(os.getpid(), signal.SIGTERM)
+        return signal.SIGTERM
