@@ -68,7 +68,6 @@ LEAVING = 'the robot goes on'
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _CLOSE_SECONDS = 10.0
-_FLUSH_SECONDS = 0.5
 
 
 class _Interrupted(Exception):
@@ -102,9 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(words, line, error.exit_code, str(error))
     except _Interrupted:
         endless = line is not None and line.spec is not None and isinstance(line.spec.action, Mode)
-        code = ExitCode.OK if endless else ExitCode.INTERRUPTED
-        _flush_or_leave(code)
-        return code
+        return ExitCode.OK if endless else ExitCode.INTERRUPTED
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
@@ -122,22 +119,6 @@ def _flush() -> None:
         raise
     except OSError:  # the terminal is gone
         abandon_stdout()
-
-
-def _flush_or_leave(code: ExitCode) -> None:
-    """Output that nobody takes must not hold up the end, which the interpreter would do."""
-
-    def flush() -> None:
-        try:
-            _flush()
-        except BrokenPipeError:
-            abandon_stdout()
-
-    flushing = threading.Thread(target=flush, name='flush', daemon=True)
-    flushing.start()
-    flushing.join(_FLUSH_SECONDS)
-    if flushing.is_alive():
-        os._exit(code)
 
 
 def _run(line: CommandLine) -> ExitCode:
