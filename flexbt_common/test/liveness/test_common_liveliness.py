@@ -106,6 +106,7 @@ def test_death_and_return_are_noticed(name: str) -> None:
                 assert not alive and shown() is False
                 assert noticed < latest(killed)
         watch.close()
+        runtime.call(changes.queue.clear)
         with start() as process:
             assert changes.empty()
             process.kill()

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,6 @@ from flexbt_testing.waiting import wait_until
 TOPICS = 6
 DEPTH = 5
 SIZE = 5_000_000
-DEADLINE = 20.0
 
 
 def resident() -> int:
@@ -63,8 +64,32 @@ UNREAD = 64
 """Of the profile."""
 
 
+SENDER = """
+import sys
+from rcl_interfaces.srv import DescribeParameters
+from rclpy.qos import QoSProfile
+from flexbt_common.runtime import NodeRuntime
+
+with NodeRuntime.open('sender') as runtime:
+    for line in sys.stdin:
+        count, depth = map(int, line.split())
+        qos = QoSProfile(depth=depth)
+        client = runtime.call(lambda: runtime.node.create_client(DescribeParameters, 'describe', qos_profile=qos))
+        print(client.wait_for_service(20.0), flush=True)
+        sys.stdin.readline()
+        for number in range(count):
+            runtime.call(lambda: client.call_async(DescribeParameters.Request(names=[str(number)])))
+        print('sent', flush=True)
+"""
+"""A process that sends so many requests, by a queue of such a depth, for two lines that it is given."""
+
+
 def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> None:
-    with NodeRuntime.open('receiver') as receiver, NodeRuntime.open('sender') as sender:
+    """Of processes: within one, Fast DDS sends nothing again."""
+    sender = subprocess.Popen([sys.executable, '-c', SENDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    with sender, NodeRuntime.open('receiver') as receiver:
+        assert sender.stdin is not None and sender.stdout is not None
+        to_sender, from_sender = sender.stdin, sender.stdout
         taken: list[str] = []
 
         def serve(
@@ -73,27 +98,24 @@ def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> No
             taken.extend(request.names)
             return response
 
-        def send(count: int, qos: QoSProfile) -> None:
-            client = sender.call(lambda: sender.node.create_client(DescribeParameters, 'describe', qos_profile=qos))
-            assert client.wait_for_service(DEADLINE)
-            numbers = [str(number) for number in range(count)]
+        def ask(line: str) -> str:
+            print(line, file=to_sender, flush=True)
+            return from_sender.readline().strip()
 
-            def fill() -> None:
-                for number in numbers:
-                    client.call_async(DescribeParameters.Request(names=[number]))
-
+        def send(count: int, depth: int) -> None:
+            assert ask(f'{count} {depth}') == 'True'
             taken.clear()
-            receiver.call(lambda: sender.call(fill))
-            wait_until(lambda: numbers[-1] in taken, 'the last request')
-            sender.call(lambda: sender.node.destroy_client(client))
+            assert receiver.call(lambda: ask('go')) == 'sent'  # nothing is taken meanwhile
+            wait_until(lambda: str(count - 1) in taken, 'the last request')
 
         receiver.call(lambda: receiver.node.create_service(DescribeParameters, 'describe', serve))
-        send(4 * UNREAD, QoSProfile(depth=1))  # its sender keeps nothing, so what did not wait here is lost
+        send(4 * UNREAD, 1)  # its sender keeps nothing, so what did not wait here is lost
         assert len(taken) < 3 * UNREAD
-        send(50, qos_profile_services_default)
+        send(50, qos_profile_services_default.depth)
         assert taken == [str(number) for number in range(50)]
-        send(200, names.deep_services())
+        send(200, names.deep_services().depth)
         assert taken == [str(number) for number in range(200)]
+        to_sender.close()
 
 
 DYNAMIC = '<historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>'

@@ -69,7 +69,7 @@ class _Repr(reprlib.Repr):
             return f'{kind.__module__.rpartition(".")[0]}.{kind.__name__}({parts})'
         base: Any = next((base for base in _PARTED if isinstance(x, base)), None)
         if base is None or isinstance(x, Enum):
-            return super().repr_instance(x, level)
+            return excerpt(repr(x), self.maxother)
         parts = getattr(self, f'repr_{base.__name__}')(x, level)
         return str(parts) if kind.__repr__ is base.__repr__ else f'{kind.__name__}({parts})'
 
