@@ -38,13 +38,14 @@ _CURSOR: Final = '\0'
 
 class TypedLine(NamedTuple):
     """A line up to the cursor: the command, the words behind it, the word that is being typed as it will be, and as it
-    is written, and whether a quote is open in it; and the namespace that is named in the line."""
+    is written, and how much of it stands before the quote that is open in it (None where none is); and the namespace
+    that is named in the line."""
 
     spec: CommandSpec | None
     given: list[str]
     last: str
     written: str
-    is_quoted: bool
+    unquoted: str | None
     namespace: str
 
     @property
@@ -80,7 +81,8 @@ def read_line(text: str) -> TypedLine | None:
     if name is not None and spec is None:
         return None
     given = before if name is None else before[:name] + before[name + 1 :]
-    return TypedLine(spec, given, last.removesuffix(_CURSOR), written, bool(end), namespaces[-1] if namespaces else '')
+    unquoted = _before_quote(text, end) if end else None
+    return TypedLine(spec, given, last.removesuffix(_CURSOR), written, unquoted, namespaces[-1] if namespaces else '')
 
 
 def shell_words(line: TypedLine, view: View, robots: tuple[str, ...] = ()) -> tuple[list[str], bool]:
@@ -102,12 +104,23 @@ def shell_words(line: TypedLine, view: View, robots: tuple[str, ...] = ()) -> tu
 
 def as_typed(words: list[str], line: TypedLine, shell: str) -> list[str]:
     """The words as a shell takes them. A blank ends a word that is whole; of what bash takes for several words, because
-    of ``=`` or ``:`` in it, it wants the last one."""
-    if line.is_quoted:
-        return words
+    of ``=`` or ``:`` in it, it wants the last one, and in a quote what is quoted."""
+    if line.unquoted is not None:
+        return [word[len(line.unquoted) :] for word in words] if shell == 'bash' else words
     quoted = [re.sub(r'([^\w@%+=:,./-])', r'\\\1', word) + ('' if word.endswith('=') else ' ') for word in words]
     breaks = max(line.written.rfind('='), line.written.rfind(':')) + 1 if shell == 'bash' else 0
     return [word[breaks:] for word in quoted]
+
+
+def _before_quote(text: str, quote: str) -> str:
+    """What of the last word, as it will be, stands before the quote that is open at the end."""
+    while text:
+        text = text[: text.rindex(quote)]
+        try:
+            return shlex.split(text + _CURSOR)[-1].removesuffix(_CURSOR)
+        except ValueError:  # that quote was within the open one
+            continue
+    return ''
 
 
 def _is_command(words: list[str], number: int) -> bool:

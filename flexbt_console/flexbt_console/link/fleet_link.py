@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import threading
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -15,7 +14,6 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_console.mirror import Fleet, Mirror
 
 from .operator_link import OperatorLink
-from .surroundings_link import SurroundingsLink
 
 LOOK_SECONDS: Final = 1.0
 """From one look for robots that have come to the next: nobody waits for them."""
@@ -49,8 +47,6 @@ class FleetLink:
         self._operator = operator
         self._scan_period = scan_period
         self._joined: dict[str, tuple[Mirror, OperatorLink]] = {}
-        self._opened: dict[str, tuple[int, SurroundingsLink]] = {}
-        self._opening = threading.Lock()
         self._selected = ''
         for name in only or [self.own]:
             runtime.call(functools.partial(self._join if name == '/' and not only else self._list, name))
@@ -68,21 +64,11 @@ class FleetLink:
 
         Neither of both on the executor thread.
         """
-        mirror, _ = self._joined[name]
-        with self._opening:
-            known = self._opened.get(name)
-            count, link = known or (0, SurroundingsLink(self._runtime, mirror, name, self._scan_period))
-            self._opened[name] = count + 1, link
+        self._joined[name][1].open_surroundings(self._scan_period)
 
     def close(self, name: str) -> None:
         """See :meth:`open`."""
-        with self._opening:
-            count, link = self._opened.pop(name)
-            if count > 1:
-                self._opened[name] = count - 1, link
-                return
-            link.close()
-            self._joined[name][0].forget_surroundings()
+        self._joined[name][1].close_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, OperatorLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""

@@ -19,7 +19,7 @@ from flexbt_common import names
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
 from flexbt_common.values import seconds_of
-from flexbt_console.errors import NoLinkError, RefusedError
+from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.mirror import (
     LONGEST_RESEND,
     Change,
@@ -59,6 +59,7 @@ from .messages import (
 )
 
 if TYPE_CHECKING:
+    from .surroundings_link import SurroundingsLink
     from .synthesis_query import SynthesisQuery
 
 T = TypeVar('T')
@@ -86,7 +87,9 @@ class OperatorLink:
         self._namespace = namespace
         self._operator = operator
         self._synthesis: SynthesisQuery | None = None
-        self._is_surrounded = False
+        self._opening = threading.Lock()  # the executor never takes it: it may be waited for meanwhile
+        self._surroundings: SurroundingsLink | None = None
+        self._surrounded = 0
         self._status_topic = self._topic(names.EXECUTIVE_STATUS)
         self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
@@ -190,15 +193,41 @@ class OperatorLink:
         """The picture with trees, map and plan, and with the scan if it is to come every so many seconds; as soon as
         what is wanted ``has_arrived``, or what there is after ``timeout`` seconds. Not on the executor thread.
 
-        Where they have not come already, because somebody looks at them, they do from now on.
+        They come meanwhile only, unless somebody looks at them, see :meth:`open_surroundings`.
+
+        Raises:
+            NoAnswerError: the console itself is too busy to listen.
+        """
+        try:
+            self.open_surroundings(scan_period)
+            try:
+                return self.wait_for(lambda view: view if has_arrived(view) else None, timeout) or self._mirror.view()
+            finally:
+                self.close_surroundings()
+        except TimeoutError as error:
+            raise NoAnswerError(f'the console is too busy to listen to trees and map: {error}') from error
+
+    def open_surroundings(self, scan_period: float = 0.0) -> None:
+        """Have trees, map, plan and scan come until :meth:`close_surroundings` was called as often.
+
+        Who opens them first says how often the scan comes. Neither of both on the executor thread; both raise
+        TimeoutError when it is held up for long.
         """
         from .surroundings_link import SurroundingsLink  # what only this needs
 
-        with self._changed:
-            if not self._is_surrounded and not has_arrived(self._mirror.view()):
-                self._is_surrounded = True
-                SurroundingsLink(self._runtime, self._mirror, self._namespace, scan_period)
-        return self.wait_for(lambda view: view if has_arrived(view) else None, timeout) or self._mirror.view()
+        with self._opening:
+            if self._surroundings is None:
+                self._surroundings = SurroundingsLink(self._runtime, self._mirror, self._namespace, scan_period)
+            self._surrounded += 1
+
+    def close_surroundings(self) -> None:
+        """See :meth:`open_surroundings`."""
+        with self._opening:
+            self._surrounded -= 1
+            if self._surrounded == 0 and self._surroundings is not None:
+                link, self._surroundings = self._surroundings, None
+                link.close()
+                self._mirror.forget_surroundings()
 
     def _synthesis_query(self) -> SynthesisQuery:
         from .synthesis_query import SynthesisQuery  # what only this command needs

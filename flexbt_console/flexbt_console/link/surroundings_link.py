@@ -51,7 +51,11 @@ class SurroundingsLink:
         self._scan_period = scan_period
         self._subscriptions: list[Any] = []
         self._scan: ScanLink | None = None
-        runtime.call(self._join)
+        try:
+            runtime.call(self._join)
+        except TimeoutError:
+            runtime.post(self._leave)  # it may be done later
+            raise
 
     def close(self) -> None:
         """Listen no more."""

@@ -171,11 +171,10 @@ def _known_of_robots(typed: TypedLine) -> tuple[View, tuple[str, ...]]:
     keep_stdout_for_python()
     with _open_runtime(line) as runtime:
         if typed.names_robot:
+            from .line import found_robots
+
             fleet = _fleet(line, runtime, None).fleet
-            found = threading.Event()
-            fleet.add_listener(found.set)
-            found.wait(COMPLETION_SECONDS)
-            return View(LinkState.LOST, None), tuple(fleet.names)
+            return View(LinkState.LOST, None), found_robots(fleet, runtime.steady, COMPLETION_SECONDS)
         mirror, link, _ = _parts(line, runtime)
         link.wait_for(is_known, COMPLETION_SECONDS)
         return mirror.view(), ()

@@ -61,6 +61,32 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         assert robots.select('/')[0].view().snapshot is None  # what the screen begins with
 
 
+def test_who_asks_for_the_surroundings_holds_nothing_up_and_listens_no_longer_than_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with NodeRuntime.open('console', namespace='/alone') as runtime:
+        mirror = Mirror(runtime.steady)
+        link, call, asked = OperatorLink(runtime, mirror, 'ann', '/alone'), runtime.call, threading.Event()
+
+        def noted_call(fn: Any, timeout: float = 2.0) -> Any:
+            asked.set()
+            return call(fn, timeout)
+
+        def busy() -> None:
+            asked.wait(DEADLINE)
+            mirror.receive_plan(((0.0, 0.0), (1.0, 0.0)))
+
+        monkeypatch.setattr(runtime, 'call', noted_call)
+        runtime.post(busy)
+        assert link.surroundings(lambda view: bool(view.surroundings.plan), DEADLINE).surroundings.plan
+        assert not runtime.node.get_subscriptions_info_by_topic('/alone/tree_status')
+        runtime.post(lambda: wait_until(lambda: not asked.is_set(), 'the end of the question'))
+        monkeypatch.setattr(runtime, 'call', lambda fn: call(fn, 0.01))
+        with pytest.raises(NoAnswerError, match='too busy'):
+            link.surroundings(lambda view: True, DEADLINE)
+        asked.clear()
+
+
 @pytest.mark.filterwarnings('ignore:failed to send response')  # to the console, which has ended
 def test_a_synthesis_ends_with_who_asked_for_it_and_with_the_console() -> None:
     begun: list[Any] = []

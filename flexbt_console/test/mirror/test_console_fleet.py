@@ -129,3 +129,18 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     (silent,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
     assert silent['urgency'] == 'silent'
     clock.close()
+
+
+def test_names_of_robots_are_complete_when_no_further_one_comes() -> None:
+    class Found(Fleet):
+        """One robot is found after the other."""
+
+        @property
+        def names(self) -> tuple[str, ...]:
+            known = super().names
+            if len(known) < 3:
+                self.add(f'/r{len(known)}', mirror)
+            return known
+
+    mirror, fleet = Mirror(ManualClock()), Found()
+    assert robots.found_robots(fleet, SteadyClock(), 60.0) == ('/r0', '/r1', '/r2')

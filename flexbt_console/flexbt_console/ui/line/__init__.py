@@ -2,6 +2,6 @@
 """The line mode: one command, its answer, an exit code."""
 
 from .line_mode import Session, run
-from .robots import list_robots
+from .robots import found_robots, list_robots
 
-__all__ = ['Session', 'list_robots', 'run']
+__all__ = ['Session', 'found_robots', 'list_robots', 'run']

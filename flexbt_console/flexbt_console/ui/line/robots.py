@@ -18,6 +18,23 @@ QUIET_SECONDS: Final = 1.0
 HEAR_SECONDS: Final = 5.0
 """For so long a robot that was found, and not heard yet, is waited for."""
 
+NAME_SECONDS: Final = 1.2
+"""The names of robots are all there when none has come for so long, which is longer than from look to look."""
+
+
+def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
+    """The names of the robots that are found: of all as soon as no further one comes, within ``timeout`` seconds."""
+    changed = threading.Event()
+    fleet.add_listener(changed.set)
+    known: tuple[str, ...] = ()
+    until = end = clock.now() + timeout
+    while (now := clock.now()) < until:
+        changed.clear()
+        if (found := tuple(fleet.names)) != known:
+            known, until = found, min(end, now + NAME_SECONDS)
+        changed.wait(until - now)
+    return known
+
 
 def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
     """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is silent.
