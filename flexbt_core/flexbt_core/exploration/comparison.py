@@ -86,6 +86,8 @@ def compare(
 def names_of(paths: Iterable[str]) -> dict[str, str]:
     """Names that stay when something else is put in, for paths that do not: a node without a name has its number
     among those of its type instead of that among all nodes."""
+    paths = list(paths)
+    taken = frozenset(paths)
     counts: Counter[str] = Counter()
     found = {}
     for path in paths:
@@ -96,9 +98,14 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
                 plain = _UNNAMED.sub('', part)
                 whole = '/'.join(parts[: place + 1])
                 if whole not in found:
-                    counts[f'{scope}{plain}'] += 1
-                    number = counts[f'{scope}{plain}']
-                    found[whole] = f'{scope}{plain}{"" if number == 1 else f" ({number})"}'
+                    beside = '/'.join((*parts[:place], ''))
+                    while True:
+                        counts[f'{scope}{plain}'] += 1
+                        number = counts[f'{scope}{plain}']
+                        named = plain if number == 1 else f'{plain} ({number})'
+                        if f'{beside}{named}' not in taken:  # somebody may have given that name to another
+                            break
+                    found[whole] = f'{scope}{named}'
                 scope = f'{found[whole]}/'
             else:
                 scope = f'{scope}{part}/'
@@ -108,13 +115,20 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
 
 
 class _Seen(NamedTuple):
-    """What is seen of a step: lines, how it has ended, the time that went by, what has begun, what is possible then."""
+    """What is seen of a step: lines, how it has ended, the time that went by, what has begun, what is possible then,
+    and what is wrong with it: texts, by the property and the node."""
 
     lines: tuple[str, ...]
     ended: str | None
     passed: float
     begun: tuple[tuple[str, tuple[str, ...]], ...]
     possible: frozenset[Label]
+    wrong: Mapping[tuple[str, str], str]
+
+    @property
+    def told_apart(self) -> tuple[object, ...]:
+        """What is not so in a version that can be told from this one."""
+        return (*self[:-1], frozenset(self.wrong))
 
     def leads_where(self, other: _Seen) -> bool:
         """Whether the same has happened, so that what comes after it can be compared."""
@@ -131,6 +145,7 @@ class _Seen(NamedTuple):
         for path, parts in self.begun:
             if path in theirs and parts != theirs[path]:
                 yield f'{path}: {" ".join(part for part in parts if part not in theirs[path])}'
+        yield from (f'wrong: {text}' for place, text in self.wrong.items() if place not in other.wrong)
         only = self.possible - other.possible
         if only and self.leads_where(other):
             yield f'can happen next, only here: {", ".join(sorted(map(str, only)))}'
@@ -142,6 +157,7 @@ class _Version:
     def __init__(self, system: Described) -> None:
         self.system = system
         self.first = system.capture()
+        self._paths = frozenset(system.paths())
         changed = {path: name for path, name in names_of(system.paths()).items() if path != name}
         self._names: Mapping[str, str] = changed
         words = sorted(changed, key=len, reverse=True)
@@ -156,19 +172,22 @@ class _Version:
         """What can happen, by the names of both."""
         return {Label(*map(self.named, label)): label for label in self.system.labels()}
 
-    def step(self, label: Label, choices: _SharedChoices) -> tuple[_Seen, bool]:
-        """What is seen of it, and whether something is wrong with it."""
+    def step(self, label: Label, choices: _SharedChoices) -> _Seen:
+        """What is seen of it."""
         system, begin = self.system, self.system.clock.now()
         choices.asks(self.named)
         violations = system.step(label, choices)
-        seen = _Seen(
+        return _Seen(
             lines=tuple(map(self.named, system.happened()[:-1])),
             ended=system.ended,
             passed=round(system.clock.now() - begin, _DIGITS) if label.kind == ALARM else 0.0,
             begun=tuple((self.named(path), parts) for path, parts in system.begun()),
             possible=frozenset(self.labels()),
+            wrong={
+                (one.property.value, self.named(one.where) if one.where in self._paths else ''): self.named(one.text)
+                for one in violations
+            },
         )
-        return seen, bool(violations)
 
 
 class _SharedChoices(Choices):
@@ -234,11 +253,11 @@ class _SideBySide:
         while ahead:
             pair = ahead.popleft()
             source = (pair[0].key, pair[1].key)
-            for label, answers, before, now, is_sound in self._steps_from(pair):
+            for label, answers, before, now in self._steps_from(pair):
                 place = _Place(source, label, answers)
-                if before != now:
+                if before.told_apart != now.told_apart:
                     self._found.setdefault(_kind(label, before, now), (place, before, now))
-                if not is_sound or not before.leads_where(now):
+                if not before.leads_where(now):
                     continue
                 reached = (self._before.system.capture(), self._now.system.capture())
                 key = (reached[0].key, reached[1].key)
@@ -246,16 +265,15 @@ class _SideBySide:
                     self._from[key] = place
                     ahead.append(reached)
             if time.process_time() - self._begin > self._limits.seconds:
-                return f'the time limit of {self._limits.seconds:g} s'
+                return self._limits.told_seconds
             if len(self._from) > self._limits.configurations:
                 return f'the limit of {self._limits.configurations} situations'
         return self._cut
 
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]
-    ) -> Iterator[tuple[Label, tuple[int, ...], _Seen, _Seen, bool]]:
-        """All steps that both can make, with what is seen of each, and whether nothing is wrong with it. Both are
-        where it leads to."""
+    ) -> Iterator[tuple[Label, tuple[int, ...], _Seen, _Seen]]:
+        """All steps that both can make, with what is seen of each. Both are where it leads to."""
         versions = (self._before, self._now)
         for version, configuration in zip(versions, pair, strict=True):
             version.system.restore(configuration)
@@ -269,15 +287,13 @@ class _SideBySide:
                     self._cut = f'more than {ANSWERS_OF_A_STEP} ways to answer in one step'
                     break
                 choices = _SharedChoices(ahead.pop())
-                seen, wrong = [], False
+                seen = []
                 for version, configuration, known in zip(versions, pair, labels, strict=True):
                     version.system.restore(configuration)
-                    one, is_wrong = version.step(known[name], choices)
-                    seen.append(one)
-                    wrong |= is_wrong
+                    seen.append(version.step(known[name], choices))
                 self._steps += 1
                 ahead += reversed(choices.others())
-                yield name, choices.answers, seen[0], seen[1], not wrong
+                yield name, choices.answers, seen[0], seen[1]
 
     def _told(self, place: _Place, before: _Seen, now: _Seen) -> Difference:
         way = [place]
@@ -289,7 +305,7 @@ class _SideBySide:
         lines: list[str] = []
         for number, step in enumerate(reversed(way), start=1):
             choices = _SharedChoices(step.answers)
-            seen = [version.step(version.labels()[step.label], choices)[0] for version in versions]
+            seen = [version.step(version.labels()[step.label], choices) for version in versions]
             chosen = ', '.join(map(str, choices.made))
             lines.append(f'{number}. {step.label}{f" ({chosen})" if chosen else ""}')
             if step is not place:
@@ -301,5 +317,6 @@ def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:
     """What differences of one kind have in common."""
     if before.leads_where(now):
         begun = frozenset(before.begun) ^ frozenset(now.begun)
-        return (begun, before.possible - now.possible, now.possible - before.possible)
+        wrong = frozenset(before.wrong) ^ frozenset(now.wrong)
+        return (begun, before.possible - now.possible, now.possible - before.possible, wrong)
     return (label, before[:3], now[:3])

@@ -45,10 +45,17 @@ class Progress(NamedTuple):
 @dataclass
 class Limits:
     """When an exploration ends although there is more: after ``seconds`` of processor time, so that what is followed
-    does not depend on what else the machine does, or with so many configurations."""
+    does not depend on what else the machine does, or with so many configurations. ``whole`` is the time of which
+    ``seconds`` are a part, where several share it."""
 
     seconds: float = DEFAULT_SECONDS
     configurations: int = DEFAULT_CONFIGURATIONS
+    whole: float | None = None
+
+    @property
+    def told_seconds(self) -> str:
+        """The limit of time, as it was given."""
+        return f'the time limit of {self.seconds if self.whole is None else self.whole:g} s'
 
 
 @dataclass
@@ -122,7 +129,7 @@ class _Exploration:
             if expanded % _CHECKED == _CHECKED // 10:
                 self._check_restore(configuration)
             if self._is_late():
-                self._stopped_by = f'the time limit of {self._limits.seconds:g} s'
+                self._stopped_by = self._limits.told_seconds
             elif len(graph) > self._limits.configurations:
                 self._stopped_by = f'the limit of {self._limits.configurations} configurations'
             if self._stopped_by:

@@ -116,7 +116,8 @@ class Environment:
 
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
-    ``answers`` were given in the step that is under way, in which the actions ``begun`` began. ``due`` is when an
+    ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, each with what
+    ``described`` told of it then. ``due`` is when an
     attempt has to be given up, by its skill.
     """
 
@@ -125,7 +126,8 @@ class Environment:
         self.canceling: dict[str, UnfinishedWork | None] = {}
         self.choices = Choices()
         self.events: list[str] = []
-        self.begun: list[TreeNode] = []
+        self.begun: list[tuple[str, tuple[str, ...]]] = []
+        self.described: Callable[[TreeNode], tuple[str, ...]] = lambda node: (node.id,)
         self.answers: dict[str, int] = {}
         self.values = values
         self.facts = Facts()
@@ -146,7 +148,7 @@ class Environment:
         if action.declared is not None and action.declared.deadline is not None:
             self.due[action.path] = action.clock.now() + action.declared.deadline
         action.acts()
-        self.begun.append(action)
+        self.begun.append((action.path, self.described(action)))
         self.events.append(f'{action.path} begins')
 
     def end(self, path: str) -> None:
@@ -265,13 +267,14 @@ class ModelInstant(_Model):
             self.read()
             self.environment.facts.begins(self.path, self.needs, self.environment.found)
             # A condition on something that is not there does not hold.
+            described = self.environment.described(self)  # it may write what it has read
             status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
             self.write(status)
         except Exception as error:
             raise self.fault(error) from error
         self.status = status
         if self.kind is not NodeKind.CONDITION:
-            self.environment.begun.append(self)
+            self.environment.begun.append((self.path, described))
             self.environment.events.append(f'{self.path} is done: {status.name}')
         return status
 

@@ -81,7 +81,7 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'begun', 'answers', 'found')),
+        Environment: frozenset(('values', 'choices', 'events', 'begun', 'described', 'answers', 'found')),
         Facts: frozenset(('_needed', 'measured', 'names')),
         ModelAction: frozenset(('needs', '_path')),
         ModelInstant: frozenset(('needs', '_path')),
@@ -179,6 +179,7 @@ class TreeSystem:
             for subtree in reversed(self._tree.subtrees)
             for key, entry in subtree.blackboard._entries.items()
         }
+        self._environment.described = self._described
         self._run = _Run()
         self._memory = Memory(
             (
@@ -348,11 +349,12 @@ class TreeSystem:
         return [node.path for node in self._tree.nodes]
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """Leaves with their types, inputs and outputs: the keys, and values where somebody has written plain ones."""
-        return [
-            (node.path, (node.id, *(self._port_text(node, name) for name in sorted(node._values))))
-            for node in self._environment.begun
-        ]
+        return self._environment.begun
+
+    def _described(self, node: TreeNode) -> tuple[str, ...]:
+        """The type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
+        now."""
+        return (node.id, *(self._port_text(node, name) for name in sorted(node._values)))
 
     def _port_text(self, node: TreeNode, name: str) -> str:
         value = node._values[name]
@@ -360,8 +362,9 @@ class TreeSystem:
             return f'{name}="{value.text}"'
         entry = node.blackboard.entry(value.key)
         key = value.key if entry is None else self._entry_names.get(id(entry), value.key)
-        is_plain = entry is not None and type(entry.value) in (bool, int, float, str)
-        plain = f' ({entry.value!r})' if entry is not None and is_plain and entry.value else ''
+        is_read = name not in node.ports or node.ports[name].readable
+        is_plain = is_read and entry is not None and type(entry.value) in (bool, int, float, str)
+        plain = f' ({entry.value!r})' if entry is not None and is_plain else ''
         return f'{name}="{{{key}}}"{plain}'
 
     def covered(self) -> frozenset[str]:

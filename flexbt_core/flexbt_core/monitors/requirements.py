@@ -178,7 +178,11 @@ class Requirements:
 
     def resume(self) -> None:
         """The run goes on where another one was: what has happened in that is not known, and not held against it."""
-        self.met.update(str(one) for one in self.requirements if isinstance(one, Before))
+        for one in self.requirements:
+            if isinstance(one, Before):
+                self.met.add(str(one))
+            elif isinstance(one, Within) and one.times is not None:  # it may have come so often
+                self.counts[str(one)] = one.times
 
     def event(self, event: str) -> None:
         """Something has happened."""
@@ -204,7 +208,8 @@ class Requirements:
                 self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or does not hold')
 
     def rests(self, is_paused: bool) -> None:
-        """Whether something is overdue. Time in which the run is paused does not count."""
+        """Whether something is overdue. Time in which the run is paused does not count for that; of
+        what happens so often in some time it does."""
         if not self.due and not self.recent:
             self.paused_at = None
             return
@@ -225,7 +230,6 @@ class Requirements:
         elif not is_paused:
             passed, self.paused_at = now - self.paused_at, None
             self.due = {one: due + passed for one, due in self.due.items()}
-            self.recent = {one: tuple(time + passed for time in times) for one, times in self.recent.items()}
 
     def next_due(self) -> float | None:
         """When something is overdue at the earliest."""

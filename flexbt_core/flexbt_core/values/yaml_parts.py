@@ -103,4 +103,4 @@ def shown_node(node: yaml.Node) -> str:
     """A node in a message."""
     if isinstance(node, yaml.MappingNode):
         return 'a mapping'
-    return 'a list' if isinstance(node, yaml.SequenceNode) else f'{shown(node.value)}'
+    return 'a list' if isinstance(node, yaml.SequenceNode) else shown(node.value)

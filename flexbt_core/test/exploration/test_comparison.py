@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from flexbt_core.behavior_tree import (
     Condition,
+    NodeDefinition,
     NodeStatus,
+    SyncAction,
     TreeKey,
     TreeLibrary,
     builtin_registry,
@@ -17,7 +20,17 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.exploration import Comparison, Limits, MachineSystem, TreeSystem, compare
+from flexbt_core.exploration import (
+    Comparison,
+    LeafModel,
+    LeafModels,
+    Limits,
+    MachineSystem,
+    TreeSystem,
+    compare,
+    leaf_model,
+)
+from flexbt_core.exploration.comparison import names_of
 from flexbt_core.state_machine import EventState, OperatableStateMachine, define
 from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn
 
@@ -35,6 +48,18 @@ class IsNear(IsSafe):
     pass
 
 
+class Note(SyncAction):
+    ports = {'text': input_port(STRING)}
+
+    def tick(self) -> NodeStatus:
+        raise AssertionError('a proof runs no real leaf')
+
+
+def wheels(definition: NodeDefinition) -> LeafModel:
+    model = leaf_model(definition)
+    return replace(model, resources=frozenset(('wheels',))) if definition.manifest.id == 'Drive' else model
+
+
 class Work(EventState):
     def __init__(self) -> None:
         super().__init__(['done', 'failed'], desired_rate=None)
@@ -47,15 +72,21 @@ class OtherWork(Work):
 add = OperatableStateMachine.add
 
 
-def versions(before: str, now: str, limits: Limits | None = None) -> Comparison:
-    def maker(tree: str) -> Callable[[], TreeSystem]:
+def versions(
+    before: str,
+    now: str,
+    limits: Limits | None = None,
+    models: LeafModels | tuple[LeafModels, LeafModels] = leaf_model,
+) -> Comparison:
+    def maker(tree: str, model: LeafModels) -> Callable[[], TreeSystem]:
         registry = builtin_registry()
-        registry.register_classes([Plan, Drive, IsSafe, IsNear])
+        registry.register_classes([Plan, Drive, Note, IsSafe, IsNear])
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>'
         library = TreeLibrary([load_xml(text, 'main.xml', registry)])
-        return lambda: TreeSystem(library, TreeKey('main.xml', 'Main'), given=('goal', 'path'))
+        return lambda: TreeSystem(library, TreeKey('main.xml', 'Main'), model, given=('goal', 'path'))
 
-    return compare(maker(before), maker(now), limits)
+    first, second = models if isinstance(models, tuple) else (models, models)
+    return compare(maker(before, first), maker(now, second), limits)
 
 
 DRIVE = '<Drive path="{path}"/>'
@@ -92,7 +123,7 @@ def test_what_is_only_written_otherwise_does_the_same(before: str, now: str) -> 
         ('<Timeout msec="1000"><Drive path="{path}"/></Timeout>', DRIVE,
          ['Drive begins', 'can happen next, only here: time goes by'], ['Drive begins'], 1),
         ('<Drive name="go" path="{path}"/>', '<Plan name="go" path="{path}"/>',
-         ['go begins', 'go: Drive speed="slow"'], ['go begins', 'go: Plan'], 1),
+         ['go begins', 'go: Drive path="{path}" (\'\') speed="slow"'], ['go begins', 'go: Plan path="{path}"'], 1),
         ('<Sequence><Script code="v:=\'fast\'"/><Drive path="{path}" speed="{v}"/></Sequence>',
          '<Sequence><Script code="v:=\'faster\'"/><Drive path="{path}" speed="{v}"/></Sequence>',
          ['Drive begins', 'Drive: speed="{v}" (\'fast\')'], ['Drive begins', 'Drive: speed="{v}" (\'faster\')'], 1),
@@ -125,6 +156,48 @@ def test_of_machines_transitions_and_types_of_states_are_compared() -> None:
     assert wrong_target.now[0] == '/Plan > failed -> /Drive'
     (other_type,) = compare(before, maker('failed', OtherWork)).differences
     assert (other_type.before[-1], other_type.now[-1]) == ('/Drive: Work', '/Drive: OtherWork')
+
+
+def test_what_comes_after_a_violation_is_compared_and_so_is_the_violation_itself() -> None:
+    # Two leaves that have the wheels at once: wrong in both, and followed.
+    both = '<Parallel success_count="2"><Drive name="a" path="{path}"/><Drive name="b" path="{path}"/></Parallel>'
+    tail = '<Plan/>'
+    before = f'<Sequence>{both}{tail}{tail}</Sequence>'
+    assert (same := versions(before, before, models=wheels)).is_same and same.is_complete
+    found = versions(before, f'<Sequence>{both}{tail}</Sequence>', models=wheels)
+    assert found.differences[0].now[-1] == 'the tree ends: SUCCESS'
+    wrong_only_now = versions(before, before, models=(leaf_model, wheels)).differences[0]
+    assert any('has two owners at once' in line for line in wrong_only_now.now)
+    assert not any(line.startswith('wrong') for line in wrong_only_now.before)
+
+
+def script(value: str) -> str:
+    return f'<Sequence><Script code="k:={value}"/><Drive path="{{path}}" speed="{{k}}"/></Sequence>'
+
+
+def noted(value: str) -> str:
+    script = '<Script code="k:=\'{}\'"/>'.format
+    return f'<Sequence>{script(value)}<Note text="{{k}}"/>{script("0")}{DRIVE}</Sequence>'
+
+
+@pytest.mark.parametrize(
+    ('before', 'now', 'seen'),
+    [
+        (noted('1'), noted('2'),
+         "Note: text=\"{k}\" ('2')"),
+        (script("'0'"), script("''"), "Drive: speed=\"{k}\" ('')"),
+    ],
+    ids=['input that is written over', 'empty text'],
+)  # fmt: skip
+def test_inputs_are_those_with_which_a_leaf_begins(before: str, now: str, seen: str) -> None:
+    assert seen in versions(before, now).differences[0].now
+
+
+def test_a_node_without_a_name_is_not_taken_for_one_that_has_its_name() -> None:
+    assert names_of(['Sequence::1', 'Plan::2', 'Plan', 'Sub::4', 'Sub::4/Plan::5', 'Sub::4/Plan']) == {
+        'Sequence::1': 'Sequence', 'Plan::2': 'Plan (2)', 'Plan': 'Plan',
+        'Sub::4': 'Sub', 'Sub::4/Plan::5': 'Sub/Plan (2)', 'Sub::4/Plan': 'Sub/Plan',
+    }  # fmt: skip
 
 
 def test_what_is_cut_off_is_said() -> None:

@@ -20,7 +20,18 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.clock import ManualClock
-from flexbt_core.monitors import Before, Never, Property, Requirement, TreeMonitor, Violation, While, Within
+from flexbt_core.monitors import (
+    AtMost,
+    Before,
+    Never,
+    Property,
+    Requirement,
+    Requirements,
+    TreeMonitor,
+    Violation,
+    While,
+    Within,
+)
 from flexbt_core.skills import Skill
 from flexbt_testing.behavior_trees import scripted_nodes
 from flexbt_testing.behavior_trees.seeded_trees import ForgetfulFallback
@@ -255,3 +266,27 @@ def test_what_comes_in_a_pause_leaves_the_next_deadline_as_it_is() -> None:
     watched.tree.resume()
     watched.monitor.paused(False)
     assert watched.tick() == []
+
+
+def test_a_pause_does_not_lengthen_the_time_in_which_something_may_happen_so_often() -> None:
+    now = [0.0]
+    found: list[Violation] = []
+    watched = Requirements([AtMost('one', 1, 2.0)], lambda: now[0], found.append)
+    watched.event('one')
+    watched.rests(True)
+    now[0] = 60.0
+    watched.rests(False)
+    watched.event('one')
+    assert not found
+    now[0] = 61.0
+    watched.event('one')
+    assert len(found) == 1
+
+
+def test_attempts_of_a_run_that_is_resumed_are_not_owed_again() -> None:
+    found: list[Violation] = []
+    watched = Requirements([Within('one > FAILURE', 'one', times=2)], lambda: 0.0, found.append)
+    watched.resume()
+    watched.event('one > FAILURE')
+    watched.ended()
+    assert not found

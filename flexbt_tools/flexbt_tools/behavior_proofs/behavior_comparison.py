@@ -47,7 +47,8 @@ def compare_behaviors(
     found: list[Compared] = []
 
     def limits() -> Limits:  # what one does not use of its time, those after it may
-        return Limits((end - time.process_time()) / (len(pairs) + 1 - len(found)), configurations)
+        left = max(end - time.process_time(), 0.0)
+        return Limits(left / (len(pairs) + 1 - len(found)), configurations, seconds)
 
     for (earlier, key), path in reversed(pairs.items()):
         assert earlier is not None

@@ -10,14 +10,24 @@ from flexbt_core.exploration import Comparison
 
 
 class Compared(NamedTuple):
-    """What was found of something beside its version before."""
+    """What was found of something beside its version before; ``only``: the one version that has it, ``before`` or
+    ``now``."""
 
     name: str
-    comparison: Comparison
+    comparison: Comparison = Comparison(0, 0, 0.0, '', (), 0)
+    only: str = ''
+
+    @property
+    def is_same(self) -> bool:
+        """Whether nothing was found that tells the versions apart."""
+        return not self.only and self.comparison.is_same
 
 
 def comparison_lines(compared: Compared) -> Iterator[str]:
     """What both do, and the shortest way to where each difference begins."""
+    if compared.only:
+        yield f'{compared.name}: DIFFERS: it is there only {compared.only}'
+        return
     found = compared.comparison
     number = len(found.differences) + found.more
     size = f'{found.situations} situations of both, {found.steps} steps, {found.seconds:.1f} s'
@@ -43,6 +53,7 @@ def comparison_as_json(compared: Compared) -> dict[str, Any]:
     found = compared.comparison
     return {
         'name': compared.name,
+        'only': compared.only,
         'complete': found.is_complete,
         'stopped_by': found.stopped_by,
         'situations': found.situations,

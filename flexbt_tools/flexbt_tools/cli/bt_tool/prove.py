@@ -11,9 +11,8 @@ from collections.abc import Sequence
 
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary, TreeLoadError
 from flexbt_core.exploration import Limits, RestoreError
-from flexbt_core.values import hint
 from flexbt_tools.cli import arguments, proof_arguments
-from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
+from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.proofs import Compared, File, ProgressLine, Replay, compare_trees, prove_tree, requirement_texts
 from flexbt_tools.trees import find_tree, read_library, roots
 
@@ -46,7 +45,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         return prove_model.run(options)
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
-    before = _before(options, keys)
+    before = read_library(options.against, arguments.registry(options, allow_unknown=True)) if options.against else None
     own, by_name = proof_arguments.requirements(options)
     proof_arguments.tell_unused(options, by_name, [key.id for key in keys])
     required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
@@ -72,7 +71,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             raise UsageError(f'{name}: {error}') from error
         finally:
             progress.end()
-    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library))
+    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library, keys))
     if options.save_test is not None and not all(report.holds for report in reports.values()):
         files = [File(file) for file in options.files]
         settings = {'given': options.given, **proof_arguments.node_settings(options)}
@@ -95,33 +94,23 @@ def run(options: argparse.Namespace) -> ExitCode:
     return code
 
 
-def _before(options: argparse.Namespace, keys: Sequence[TreeKey]) -> list[tuple[TreeLibrary, TreeKey, TreeKey]]:
-    """Where the version before has the trees, beside their keys now."""
-    if not options.against:
-        return []
-    old = read_library(options.against, arguments.registry(options, allow_unknown=True))
-    found = []
-    for key in keys:
-        before = old.find(key.id)
-        if before is None:
-            known = sorted(one.id for one in roots(old))
-            raise UnfitError(f"--against: {', '.join(options.against)} has no tree '{key.id}'{hint(key.id, known)}")
-        found.append((old, before, key))
-    return found
-
-
 def _compared(
-    options: argparse.Namespace, before: Sequence[tuple[TreeLibrary, TreeKey, TreeKey]], library: TreeLibrary
+    options: argparse.Namespace, old: TreeLibrary | None, library: TreeLibrary, keys: Sequence[TreeKey]
 ) -> list[Compared]:
+    """The trees beside those of the version before, which may have others."""
+    if old is None:
+        return []
+    others = roots(old) if options.tree is None else []
+    names = dict.fromkeys(key.id for key in (*keys, *others))
+    versions = [(name, old.find(name), library.find(name)) for name in names]
+    limits = Limits(options.seconds / len(versions), options.situations, options.seconds)
+    found = []
     try:
-        return [
-            compare_trees(
-                (old, earlier),
-                (library, key),
-                given=options.given,
-                limits=Limits(options.seconds / len(before), options.situations),
-            )
-            for old, earlier, key in before
-        ]
+        for name, before, now in versions:
+            if before is not None and now is not None:
+                found.append(compare_trees((old, before), (library, now), given=options.given, limits=limits))
+            else:
+                found.append(Compared(f'tree {name}', only='now' if before is None else 'before'))
     except TreeLoadError as error:
         raise RefusedError(error.errors) from error
+    return found
