@@ -16,8 +16,10 @@ from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue,
 from flexbt_core import values
 from flexbt_core.values import TextFileError, hint, read_text, shown
 
-MOST_CELLS: Final = 1000
+MOST_COLUMNS: Final = 1000
 """Columns, and rows, of a picture in cells."""
+_FRAME: Final = 6
+"""Columns, and rows, that the frame of a dialog of the screen, or the prompt, takes from those of the terminal."""
 
 SHELLS: Final = ('bash', 'zsh')
 """Those in which Tab completes."""
@@ -228,19 +230,20 @@ def _checked_text(text: str, type: str) -> str:
 
 
 def map_size(text: str) -> tuple[int, int]:
-    """Columns and rows of a picture in cells, as in 80x24; of nothing, those of the terminal.
+    """Columns and rows of a picture in cells, as in 80x24; of nothing, those for which the terminal has room.
 
     Raises:
         UsageError: it is not written so, or too small or large to show a map.
     """
     if not text:
-        return shutil.get_terminal_size()
+        room = shutil.get_terminal_size()
+        return min(MOST_COLUMNS, max(8, room.columns - _FRAME)), min(MOST_COLUMNS, max(4, room.lines - _FRAME))
     columns, x, rows = text.partition('x')
     if x and all(part.isascii() and part.isdigit() and len(part) < 5 for part in (columns, rows)):
         size = int(columns), int(rows)
-        if 8 <= size[0] <= MOST_CELLS and 4 <= size[1] <= MOST_CELLS:
+        if 8 <= size[0] <= MOST_COLUMNS and 4 <= size[1] <= MOST_COLUMNS:
             return size
-    raise UsageError(f'{shown(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_CELLS}x{MOST_CELLS}')
+    raise UsageError(f'{shown(text)}: expected COLUMNSxROWS, as in 80x24, from 8x4 to {MOST_COLUMNS}x{MOST_COLUMNS}')
 
 
 def shell_name(text: str) -> str:

@@ -447,7 +447,9 @@ COMMANDS: Final = (
         Ask(_ask_map),
         options=(
             Option('--png', 'write an image into this file instead', 'FILE', in_prompt=False),
-            Option('--size', 'cells of the terminal (default: all of it, or 80x24)', 'COLUMNSxROWS', read=map_size),
+            Option(
+                '--size', 'cells of the terminal (default: as many as there is room for)', 'COLUMNSxROWS', read=map_size
+            ),
             Option('--scan', 'with what the lidar meets now', in_prompt=False),
         ),
         details=('As JSON: where the map lies, the robot, the plan, the places and the scan, in metres.',),

@@ -69,8 +69,8 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _CLOSE_SECONDS = 10.0
 
 
-class _Interrupted(Exception):
-    """SIGINT or SIGTERM, raised on the main thread."""
+class _Interrupted(KeyboardInterrupt):
+    """SIGINT or SIGTERM, raised on the main thread; asyncio lets what is of this kind through, and nothing else."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -203,7 +203,7 @@ def _watched_terminal(sign_off: Callable[[], object] = lambda: None) -> Iterator
     _raise_at_signals(watch.signaled)
     try:
         yield watch
-    except Exception:  # whatever cannot be done to a terminal that is gone
+    except (Exception, _Interrupted):  # whatever cannot be done to a terminal that is gone
         if not watch.has_given_up.is_set():
             raise
     finally:
