@@ -60,7 +60,7 @@ def test_the_room_of_large_messages_is_given_back() -> None:
         wait_until(lambda: resident() - before < kept, lambda: f'{(resident() - before) / 1e6:.0f} MB given back')
 
 
-UNREAD = 64
+UNREAD = 256
 """Of the profile."""
 
 
@@ -113,8 +113,8 @@ def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> No
         assert len(taken) < 3 * UNREAD
         send(50, qos_profile_services_default.depth)
         assert taken == [str(number) for number in range(50)]
-        send(200, names.deep_services().depth)
-        assert taken == [str(number) for number in range(200)]
+        send(2 * UNREAD, names.deep_services().depth)
+        assert taken == [str(number) for number in range(2 * UNREAD)]
         to_sender.close()
 
 

@@ -18,6 +18,9 @@ from flexbt_server.trees import TrackingFeedback
 SEARCH_AHEAD: Final = 3.0
 """How far along the path from where it was last the robot is looked for, m: a path may come by a place twice."""
 
+LOST: Final = 0.5
+"""How far off the path, m, the robot is looked for on all the rest of it: it drove on while nobody looked."""
+
 
 class PathTracker:
     """Follows the robot along one path, from its beginning."""
@@ -30,9 +33,15 @@ class PathTracker:
     def feedback(self, pose: PoseStamped, speed: float) -> Any:
         """How the robot, at ``pose`` in the frame of the path, is on it; the path has two poses or more."""
         here = position_of(pose)
+        last = len(self._points) - 1
+
+        def gap(index: int) -> float:
+            return _to_segment(here, *self._points[index : index + 2])[0]
+
         end = first_beyond(self._points, self._index, SEARCH_AHEAD)
-        segments = range(self._index, max(self._index + 1, min(end, len(self._points) - 1)))
-        nearest = min(segments, key=lambda index: _to_segment(here, *self._points[index : index + 2])[0])
+        nearest = min(range(self._index, max(self._index + 1, min(end, last))), key=gap)
+        if gap(nearest) > LOST:
+            nearest = min(range(self._index, last), key=gap)
         self._index = nearest
         start, end_point = self._points[nearest : nearest + 2]
         distance, along = _to_segment(here, start, end_point)

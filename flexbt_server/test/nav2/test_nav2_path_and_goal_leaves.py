@@ -21,6 +21,7 @@ from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary,
 from flexbt_core.clock import ManualClock
 from flexbt_server.leaves import error_code_of
 from flexbt_server.nav2 import pending
+from flexbt_server.nav2.path_tracking import PathTracker
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import pose
 
@@ -311,6 +312,17 @@ def test_bounds_of_the_path_signs_of_bounds_do_not_count(aside: float, turned: f
     assert kind is not None
     known = kind.python_type(position_tracking_error=aside, heading_tracking_error=turned)
     assert ticked(leaf, tracking=known)[0] is (SUCCESS if within else FAILURE)
+
+
+def test_a_robot_that_nobody_has_looked_for_in_a_while_is_on_its_path_still() -> None:
+    """Where time runs away from a busy machine, it drives farther than the path is searched for it."""
+    path = Path(poses=[pose(x, 0.0) for x in range(5)] + [pose(4.0, y) for y in range(1, 5)])
+    tracker = PathTracker(path)
+    assert tracker.feedback(pose(0.5, 0.1), 0.5).position_tracking_error == pytest.approx(0.1)
+    there = tracker.feedback(pose(4.1, 3.0), 0.5)
+    assert (there.position_tracking_error, there.remaining_path_length) == (pytest.approx(-0.1), pytest.approx(1.0))
+    # Never back: it came to the segment from (4, 2) on.
+    assert tracker.feedback(pose(0.0, 2.0), 0.5).position_tracking_error == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize('leaf', [
