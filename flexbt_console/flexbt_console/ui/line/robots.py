@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import sys
 import threading
-from typing import Final
+from collections.abc import Callable
+from typing import Final, TypeVar
 
 from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.mirror import Fleet
 from flexbt_console.present import coloured, encode_json, has_colours, robot_line, robots_json
 from flexbt_core.clock import Clock
+
+T = TypeVar('T')
 
 QUIET_SECONDS: Final = 1.0
 """Robots are found one after the other: they are all there when none comes, and none becomes live, for so long."""
@@ -24,16 +27,7 @@ NAME_SECONDS: Final = 1.2
 
 def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
     """The names of the robots that are found: of all as soon as no further one comes, within ``timeout`` seconds."""
-    changed = threading.Event()
-    fleet.add_listener(changed.set)
-    known: tuple[str, ...] = ()
-    until = end = clock.now() + timeout
-    while (now := clock.now()) < until:
-        changed.clear()
-        if (found := tuple(fleet.names)) != known:
-            known, until = found, min(end, now + NAME_SECONDS)
-        changed.wait(until - now)
-    return known
+    return _settled(fleet, clock, timeout, lambda: tuple(fleet.names), lambda _: NAME_SECONDS)
 
 
 def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
@@ -42,20 +36,13 @@ def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) ->
     Raises:
         NoLinkError: there is none.
     """
-    changed = threading.Event()
-    fleet.add_listener(changed.set)
-    until = end = clock.now() + timeout
-    known: set[tuple[str, bool, bool]] = set()
-    while True:
-        changed.clear()
-        found = {(one.name, one.view.snapshot is not None, one.view.live) for one in fleet.overview()}
-        now = clock.now()
-        if found != known:
-            is_heard = all(heard for _, heard, _ in found)
-            known, until = found, min(end, now + (QUIET_SECONDS if is_heard else HEAR_SECONDS))
-        if now >= until:
-            break
-        changed.wait(until - now)
+
+    def heard() -> tuple[tuple[str, bool, bool], ...]:
+        return tuple(sorted((one.name, one.view.snapshot is not None, one.view.live) for one in fleet.overview()))
+
+    _settled(
+        fleet, clock, timeout, heard, lambda robots: QUIET_SECONDS if all(one[1] for one in robots) else HEAR_SECONDS
+    )
     robots = fleet.overview()
     if not any(one.view.snapshot for one in robots):
         raise NoLinkError(f'no robot was heard within {timeout:g} s in this ROS_DOMAIN_ID')
@@ -63,3 +50,25 @@ def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) ->
     lines = [coloured(robot_line(one), colours) for one in robots]
     print(encode_json(robots_json(robots)) if as_json else '\n'.join(lines), flush=True)
     return ExitCode.OK
+
+
+def _settled(
+    fleet: Fleet,
+    clock: Clock,
+    timeout: float,
+    look: Callable[[], tuple[T, ...]],
+    quiet: Callable[[tuple[T, ...]], float],
+) -> tuple[T, ...]:
+    """What is known of the robots when nothing of it has changed for so long, or after ``timeout`` seconds."""
+    changed = threading.Event()
+    fleet.add_listener(changed.set)
+    until = end = clock.now() + timeout
+    known: tuple[T, ...] = ()
+    while True:
+        changed.clear()
+        found, now = look(), clock.now()
+        if found != known:
+            known, until = found, min(end, now + quiet(found))
+        if now >= until:
+            return known
+        changed.wait(until - now)
