@@ -11,7 +11,7 @@ from nav2_msgs.action import Wait
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, OperatorDecisionState
-from flexbt_states.support import GoalCall
+from flexbt_states.support import GoalCall, GoalState
 
 ACTION: Final = 'flexbe_benchmark/wait'
 TREE: Final = 'flexbe_probe_behaviors/config/probe.xml'
@@ -24,15 +24,12 @@ TREE_XML: Final = f"""
 """
 
 
-class Call(EventState):
+class Call(GoalState):
     """Sends a goal, and ends when there is a result."""
 
     def __init__(self) -> None:
         super().__init__(outcomes=['done', 'failed'], desired_rate=None)
         self._goal = GoalCall(self, Wait, ACTION)
-
-    def on_start(self) -> None:
-        self._goal.prepare()
 
     def on_enter(self, userdata: UserData) -> None:
         entered('Call')
@@ -43,12 +40,6 @@ class Call(EventState):
         if ended is None:
             return None
         return 'done' if ended.status.name == 'SUCCEEDED' else 'failed'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()
 
 
 class CallTree(BtExecuteState):

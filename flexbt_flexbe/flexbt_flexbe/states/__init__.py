@@ -2,20 +2,14 @@
 """FlexBE's generic states, and the states for behavior trees under FlexBE's interface."""
 
 from .bt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, BtSetDataState
-from .calculation_state import CalculationState
-from .check_condition_state import CheckConditionState
-from .decision_state import DecisionState
-from .flexible_calculation_state import FlexibleCalculationState
-from .flexible_check_condition_state import FlexibleCheckConditionState
-from .input_state import InputState, SelectionState
-from .log_key_state import LogKeyState
-from .log_state import LogState
-from .operator_decision_state import OperatorDecisionState
+from .calculation_states import CalculationState, FlexibleCalculationState
+from .condition_states import CheckConditionState, DecisionState, FlexibleCheckConditionState
+from .log_states import LogKeyState, LogState
+from .operator_states import InputState, OperatorDecisionState, SelectionState
 from .publisher_states import PublisherBoolState, PublisherEmptyState, PublisherStringState
 from .subscriber_state import SubscriberState
 from .user_data_state import UserdataState
-from .wait_for_servers_state import WaitForServersState
-from .wait_state import WaitState
+from .wait_states import WaitForServersState, WaitState
 
 __all__ = [
     'BtExecuteGoalState',

@@ -3,23 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.values import check_value
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, Progress, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import checked_timeout, checked_topic, checked_tree, checked_type, checked_types
+from flexbt_states.support import checked_type, checked_types
 
-from .bt_server_use import BtUse
-from .tree_execution import TreeExecution
+from .tree_state import TreeState
 
 _POSE: Final = 'geometry_msgs/msg/PoseStamped'
 
 
-class BtExecuteGoalState(EventState):
+class BtExecuteGoalState(TreeState):
     """
     Give a behavior tree a goal, and run it on the BT server until it ends.
 
@@ -66,85 +65,45 @@ class BtExecuteGoalState(EventState):
             raise StateParameterError(self, 'goal_id', 'the key is empty')
         self._goal_id = goal_id
         self._goal_type = checked_type(self, 'goal_msg_type', goal_msg_type)
-        self._inputs = checked_types(self, 'inputs', inputs)
-        self._refuse_reserved('inputs', self._inputs, 'goal')
-        wanted = checked_types(self, 'outputs', outputs)
-        output_keys = list(wanted)
-        renamed = {}
+        written = checked_types(self, 'inputs', inputs)
+        self._refuse_reserved('inputs', written, 'goal')
+        read = checked_types(self, 'outputs', outputs)
         if request_id:
-            self._refuse_reserved('outputs', wanted, 'data')
-            if request_id in wanted:
+            self._refuse_reserved('outputs', read, 'data')
+            if request_id in read:
                 raise StateParameterError(self, 'request_id', f'{request_id!r} is one of outputs as well')
-            wanted[request_id] = checked_type(self, 'request_msg_type', request_msg_type, request_msg_pkg)
-            output_keys.append('data')
-            renamed[request_id] = 'data'
+            read[request_id] = checked_type(self, 'request_msg_type', request_msg_type, request_msg_pkg)
+        # A list of poses for the key "goal" goes to "goals".
+        is_list = goal_id == 'goals' and not self._goal_type.endswith('[]')
         super().__init__(
-            outcomes=['done', 'canceled', 'failed'],
-            input_keys=['goal', *self._inputs],
-            output_keys=output_keys,
-            desired_rate=None,
-        )
-        self._execution = TreeExecution(
-            self,
-            checked_topic(self, 'bt_topic', bt_topic),
-            checked_tree(self, 'bt_file', bt_file),
-            wanted,
-            renamed,
+            bt_topic,
+            bt_file,
+            written,
+            read,
             blackboard,
-            checked_timeout(self, 'timeout', timeout),
+            timeout,
+            input_keys=['goal'],
+            writes={**written, goal_id: f'{self._goal_type}[]' if is_list else self._goal_type},
+            userdata_keys={request_id: 'data'} if request_id else {},
         )
-
-    @property
-    def bt_use(self) -> BtUse:
-        return self._execution.use({**self._inputs, **self._goal_key()})
-
-    def on_start(self) -> None:
-        self._execution.prepare()
 
     def on_enter(self, userdata: UserData) -> None:
-        inputs = [(key, userdata[key], type) for key, type in self._inputs.items()]
         goal = userdata['goal']
         if self._goal_type.removesuffix('[]') != _POSE:
-            self._execution.start([], [*inputs, (self._goal_id, goal, self._goal_type)])
+            self._run_tree(userdata, goal_input=(self._goal_id, goal, self._goal_type))
             return
         is_list = isinstance(goal, list | tuple) or self._goal_id == 'goals' or self._goal_type.endswith('[]')
         try:
             poses = _poses(goal)
         except FlexbtError as error:
-            self._execution.refuse(str(error))
+            self._refusal = str(error)
             return
         if self._goal_id == 'goal':
-            self._execution.start(poses, inputs)
+            self._run_tree(userdata, poses)
         elif is_list:
-            self._execution.start([], [*inputs, (self._goal_id, poses, f'{_POSE}[]')])
+            self._run_tree(userdata, goal_input=(self._goal_id, poses, f'{_POSE}[]'))
         else:
-            self._execution.start([], [*inputs, (self._goal_id, poses[0], _POSE)])
-
-    def execute(self, userdata: UserData) -> str | None:
-        return self._execution.outcome(userdata)
-
-    def on_pause(self) -> None:
-        self._execution.set_paused(True)
-
-    def on_resume(self, userdata: UserData) -> None:
-        self._execution.set_paused(False)
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._execution.leave()
-
-    def halting(self) -> str | None:
-        return self._execution.halting()
-
-    def activity(self) -> Sequence[str]:
-        return self._execution.activity()
-
-    def progress(self) -> Progress | None:
-        return self._execution.progress()
-
-    def _goal_key(self) -> dict[str, str]:
-        """The key that the goal goes to, with its type. (A list of poses for the key "goal" goes to "goals".)"""
-        is_list = self._goal_id == 'goals' and not self._goal_type.endswith('[]')
-        return {self._goal_id: f'{self._goal_type}[]' if is_list else self._goal_type}
+            self._run_tree(userdata, goal_input=(self._goal_id, poses[0], _POSE))
 
     def _refuse_reserved(self, parameter: str, keys: Mapping[str, str], name: str) -> None:
         if name in keys:

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from flexbt_common import names
-from flexbt_core.state_machine import EventState, Progress, UserData
-from flexbt_states.support import checked_timeout, checked_topic, checked_tree, checked_types
+from flexbt_core.state_machine import UserData
+from flexbt_states.support import checked_types
 
-from .bt_server_use import BtUse
-from .tree_execution import TreeExecution
+from .tree_state import TreeState
 
 
-class BtExecuteState(EventState):
+class BtExecuteState(TreeState):
     """
     Run a behavior tree on the BT server until it ends.
 
@@ -41,51 +40,8 @@ class BtExecuteState(EventState):
         blackboard: str = '',
         timeout: float | None = None,
     ) -> None:
-        self._inputs = checked_types(self, 'inputs', inputs)
-        wanted = checked_types(self, 'outputs', outputs)
-        super().__init__(
-            outcomes=['done', 'canceled', 'failed'],
-            input_keys=list(self._inputs),
-            output_keys=list(wanted),
-            desired_rate=None,
-        )
-        self._execution = TreeExecution(
-            self,
-            checked_topic(self, 'bt_topic', bt_topic),
-            checked_tree(self, 'bt_file', bt_file),
-            wanted,
-            {},
-            blackboard,
-            checked_timeout(self, 'timeout', timeout),
-        )
-
-    @property
-    def bt_use(self) -> BtUse:
-        return self._execution.use(self._inputs)
-
-    def on_start(self) -> None:
-        self._execution.prepare()
+        written, read = checked_types(self, 'inputs', inputs), checked_types(self, 'outputs', outputs)
+        super().__init__(bt_topic, bt_file, written, read, blackboard, timeout)
 
     def on_enter(self, userdata: UserData) -> None:
-        self._execution.start([], [(key, userdata[key], type) for key, type in self._inputs.items()])
-
-    def execute(self, userdata: UserData) -> str | None:
-        return self._execution.outcome(userdata)
-
-    def on_pause(self) -> None:
-        self._execution.set_paused(True)
-
-    def on_resume(self, userdata: UserData) -> None:
-        self._execution.set_paused(False)
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._execution.leave()
-
-    def halting(self) -> str | None:
-        return self._execution.halting()
-
-    def activity(self) -> Sequence[str]:
-        return self._execution.activity()
-
-    def progress(self) -> Progress | None:
-        return self._execution.progress()
+        self._run_tree(userdata)

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 
 from flexbt_common import names
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_msgs.action import BtGetData
 from flexbt_states.errors import StateParameterError
 from flexbt_states.support import (
     GoalCall,
+    GoalState,
     checked_timeout,
     checked_topic,
     checked_type,
@@ -23,7 +24,7 @@ from flexbt_states.support import (
 from .bt_server_use import BtUse
 
 
-class BtGetDataState(EventState):
+class BtGetDataState(GoalState):
     """
     Read values from a blackboard of the BT server.
 
@@ -71,9 +72,6 @@ class BtGetDataState(EventState):
     def bt_use(self) -> BtUse:
         return BtUse(blackboard=self._blackboard, reads=self._types)
 
-    def on_start(self) -> None:
-        self._goal.prepare()
-
     def on_enter(self, userdata: UserData) -> None:
         goal = BtGetData.Goal(blackboard=self._blackboard, keys=list(self._types), encoding=BtGetData.Goal.BINARY)
         self._goal.send(goal, timeout=self._timeout)
@@ -94,9 +92,3 @@ class BtGetDataState(EventState):
                 return 'done'
         self.log_error(reason)
         return 'failed'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()

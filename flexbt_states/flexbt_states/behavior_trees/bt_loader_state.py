@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall, checked_file, checked_timeout, checked_topic, state_outcome
+from flexbt_states.support import GoalCall, GoalState, checked_file, checked_timeout, checked_topic, state_outcome
 
 from .bt_server_use import BtUse
 
 
-class BtLoaderState(EventState):
+class BtLoaderState(GoalState):
     """
     Load behavior trees into the BT server: all of them, or none.
 
@@ -51,9 +51,6 @@ class BtLoaderState(EventState):
     def bt_use(self) -> BtUse:
         return BtUse(files=tuple(self._files), xml=self._xml)
 
-    def on_start(self) -> None:
-        self._goal.prepare()
-
     def on_enter(self, userdata: UserData) -> None:
         self._goal.send(BtLoad.Goal(files=self._files, xml=self._xml), timeout=self._timeout)
 
@@ -66,12 +63,6 @@ class BtLoaderState(EventState):
             return 'done'
         self.log_error('\n'.join([reason, *_refusals(outcome)]))
         return 'failed'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()
 
 
 def _refusals(outcome: GoalOutcome) -> list[str]:

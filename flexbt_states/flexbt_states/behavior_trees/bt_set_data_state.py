@@ -8,15 +8,23 @@ from collections.abc import Mapping
 from flexbt_common import names
 from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_msgs.action import BtSetData
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall, checked_timeout, checked_topic, checked_type, checked_types, state_outcome
+from flexbt_states.support import (
+    GoalCall,
+    GoalState,
+    checked_timeout,
+    checked_topic,
+    checked_type,
+    checked_types,
+    state_outcome,
+)
 
 from .bt_server_use import BtUse
 
 
-class BtSetDataState(EventState):
+class BtSetDataState(GoalState):
     """
     Write values to a blackboard of the BT server: all of them, or none.
 
@@ -63,9 +71,6 @@ class BtSetDataState(EventState):
     def bt_use(self) -> BtUse:
         return BtUse(blackboard=self._blackboard, writes=self._types)
 
-    def on_start(self) -> None:
-        self._goal.prepare()
-
     def on_enter(self, userdata: UserData) -> None:
         self._refusal = ''
         try:
@@ -88,9 +93,3 @@ class BtSetDataState(EventState):
             return 'done'
         self.log_error(reason)
         return 'failed'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()

@@ -10,14 +10,22 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import Autonomy, EventState, UserData
+from flexbt_core.state_machine import Autonomy, UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
 from flexbt_onboard.behaviors import state_services
-from flexbt_states.support import GoalCall, checked_outcomes, checked_timeout, checked_topic, checked_types, read_values
+from flexbt_states.support import (
+    GoalCall,
+    GoalState,
+    checked_outcomes,
+    checked_timeout,
+    checked_topic,
+    checked_types,
+    read_values,
+)
 
 
-class ExecuteBehaviorState(EventState):
+class ExecuteBehaviorState(GoalState):
     """
     Run a behavior on another executive until it ends.
 
@@ -72,9 +80,6 @@ class ExecuteBehaviorState(EventState):
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
 
-    def on_start(self) -> None:
-        self._goal.prepare()
-
     def on_enter(self, userdata: UserData) -> None:
         self._activity = ()
         self._refusal = ''
@@ -120,12 +125,6 @@ class ExecuteBehaviorState(EventState):
         for key, value in values.items():
             userdata[key] = value
         return str(result.outcome)
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()
 
     def activity(self) -> Sequence[str]:
         return self._activity if self._goal.goal_id else ()

@@ -9,13 +9,13 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome, GoalStatus
 from flexbt_common.values import check_value, from_entry, text_to_value
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall, checked_timeout, checked_topic, checked_type
+from flexbt_states.support import GoalCall, GoalState, checked_timeout, checked_topic, checked_type
 
 
-class OperatorInputState(EventState):
+class OperatorInputState(GoalState):
     """
     Ask the operator for a typed value, such as a goal pose. The input request is withdrawn when the state is left.
 
@@ -56,9 +56,6 @@ class OperatorInputState(EventState):
         # A question stays open while the state is paused: nothing moves by it.
         self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=tuple)
 
-    def on_start(self) -> None:
-        self._goal.prepare()
-
     def on_enter(self, userdata: UserData) -> None:
         goal = OperatorInput.Goal(prompt=self._prompt, type=self._type, choices=self._choices, asker=self.path)
         self._goal.send(goal, timeout=self._timeout)
@@ -80,12 +77,6 @@ class OperatorInputState(EventState):
             return 'received'
         self.log_error(f'no answer to {self._prompt!r}: {_reason(outcome)}')
         return 'failed'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()
 
 
 def _reason(outcome: GoalOutcome) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What states are written with: action goals, their results, checks of parameters."""
 
-from .goal_call import GoalCall
+from .goal_call import GoalCall, GoalState
 from .goal_result import read_values, state_outcome
 from .parameter_checks import (
     checked_action_type,
@@ -18,6 +18,7 @@ from .parameter_checks import (
 
 __all__ = [
     'GoalCall',
+    'GoalState',
     'checked_action_type',
     'checked_callable',
     'checked_file',

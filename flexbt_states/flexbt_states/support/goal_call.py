@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_core.clock import Clock, Timer
-from flexbt_core.state_machine import EventState
+from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.behaviors import READY_SECONDS, state_services
 
 SERVER_SECONDS: Final = 1.0
@@ -134,3 +134,18 @@ class GoalCall:
 
     def _on_done(self, outcome: GoalOutcome) -> None:
         self._state.wake()
+
+
+class GoalState(EventState):
+    """A state that works on one action goal, which it makes as ``_goal`` and sends when it is entered."""
+
+    _goal: GoalCall
+
+    def on_start(self) -> None:
+        self._goal.prepare()
+
+    def on_exit(self, userdata: UserData) -> None:
+        self._goal.leave()
+
+    def halting(self) -> str | None:
+        return self._goal.halting()

@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's states that ask the operator for a value."""
+"""FlexBE's states that let the operator decide, or ask for a value."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, Final
 
+import flexbt_states
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import check_value, from_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, UserData
+from flexbt_core.state_machine import UserData
 from flexbt_flexbe.api import RosAccess
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall
+from flexbt_states.support import GoalCall, GoalState
 
 _TYPES: Final = {
     0: ('int64', None),
@@ -29,7 +30,11 @@ _TYPES: Final = {
 """Type, and number of values, for each request of FlexBE's BehaviorInput: int, float, 2D to 4D, poses, string."""
 
 
-class _OperatorInputState(RosAccess, EventState):
+class OperatorDecisionState(RosAccess, flexbt_states.OperatorDecisionState):
+    __doc__ = flexbt_states.OperatorDecisionState.__doc__
+
+
+class _OperatorInputState(RosAccess, GoalState):
     """What they have in common: one request to the operator, open as long as the state is active."""
 
     def __init__(self, message: str, input_keys: Sequence[str], topic: str | None) -> None:
@@ -41,9 +46,6 @@ class _OperatorInputState(RosAccess, EventState):
         )
         self._message = message
         self._goal = GoalCall(self, OperatorInput, topic or names.OPERATOR_INPUT)
-
-    def on_start(self) -> None:
-        self._goal.prepare()
 
     def ask_for(self, type_name: str, choices: Sequence[str]) -> None:
         """Send the request to the operator."""
@@ -72,12 +74,6 @@ class _OperatorInputState(RosAccess, EventState):
             return 'aborted'
         self.log_warn(f'nobody could be asked {self._message!r}: {outcome.reason or getattr(result, "message", "")}')
         return 'no_connection'
-
-    def on_exit(self, userdata: UserData) -> None:
-        self._goal.leave()
-
-    def halting(self) -> str | None:
-        return self._goal.halting()
 
     def _unusable(self, reason: str) -> str:
         self.log_warn(f'the answer to {self._message!r} cannot be used: {reason}')

@@ -1,17 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's state that computes a value from several."""
+"""FlexBE's states that compute a value, from one or from several."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import flexbt_states
 from flexbt_core.state_machine import UserData
-from flexbt_flexbe.api import EventState
+from flexbt_flexbe.api import EventState, RosAccess
 from flexbt_states.errors import StateParameterError
 from flexbt_states.support import checked_callable
 
 from .call_styles import takes_keywords, takes_list
+
+
+class CalculationState(RosAccess, flexbt_states.CalculationState):
+    __doc__ = flexbt_states.CalculationState.__doc__
 
 
 class FlexibleCalculationState(EventState):

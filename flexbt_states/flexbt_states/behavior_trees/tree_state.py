@@ -1,111 +1,129 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The run of a behavior tree on behalf of a state: what the states that execute trees have in common."""
+"""A state that runs a behavior tree: what the states that execute trees have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from flexbt_common import names
 from flexbt_common.calls import ServiceLink
 from flexbt_common.values import to_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import EventState, Progress, Severity, UserData
+from flexbt_core.state_machine import Progress, Severity, UserData
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.behaviors import state_services
-from flexbt_states.support import GoalCall, read_values, state_outcome
+from flexbt_states.support import (
+    GoalCall,
+    GoalState,
+    checked_timeout,
+    checked_topic,
+    checked_tree,
+    read_values,
+    state_outcome,
+)
 
 from .bt_server_use import BtUse
 from .tree_pause import TreePause
 
 
-class TreeExecution:
-    """Runs one tree at a time on the BT server and gives the state its outcome.
+class TreeState(GoalState):
+    """Runs a tree on the BT server until it ends; what is left to a state of its own is to call :meth:`_run_tree`.
 
-    ``outputs`` are the wanted blackboard keys with their types, ``output_keys`` the userdata keys that they are
-    written to where the names differ.
+    ``inputs`` and ``outputs`` are blackboard keys with their types, ``writes`` all that is written before the first
+    tick. ``userdata_keys`` are the userdata keys of those outputs that have another name there.
     """
 
     def __init__(
         self,
-        state: EventState,
-        topic: str,
-        tree: str,
+        bt_topic: str,
+        bt_file: str,
+        inputs: Mapping[str, str],
         outputs: Mapping[str, str],
-        output_keys: Mapping[str, str],
         blackboard: str,
         timeout: float | None,
+        *,
+        input_keys: Sequence[str] = (),
+        writes: Mapping[str, str] | None = None,
+        userdata_keys: Mapping[str, str] | None = None,
     ) -> None:
-        self._state = state
-        self._topic = topic
-        self._tree = tree
-        self._outputs = dict(outputs)
-        self._output_keys = dict(output_keys)
-        self._blackboard = blackboard
-        self._timeout = timeout
-        state.skill = state.skill.within(timeout)
-        prefix, slash, _ = topic.rpartition('/')
+        self._inputs = inputs
+        self._userdata_keys = {key: key for key in outputs} | dict(userdata_keys or {})
+        super().__init__(
+            outcomes=['done', 'canceled', 'failed'],
+            input_keys=[*input_keys, *inputs],
+            output_keys=list(self._userdata_keys.values()),
+            desired_rate=None,
+        )
+        self._topic = checked_topic(self, 'bt_topic', bt_topic)
+        self.bt_use = BtUse(
+            tree=checked_tree(self, 'bt_file', bt_file),
+            blackboard=blackboard,
+            writes=inputs if writes is None else writes,
+            reads=outputs,
+        )
+        self._timeout = checked_timeout(self, 'timeout', timeout)
+        self.skill = self.skill.within(self._timeout)
+        prefix, slash, _ = self._topic.rpartition('/')
         self._control_topic = f'{prefix}{slash}{names.CONTROL_TREE}'
         self._control: ServiceLink | None = None
         self._pause: TreePause | None = None
-        self._goal = GoalCall(state, BtExecute, topic, self._not_paused)
+        self._goal = GoalCall(self, BtExecute, self._topic, self._not_paused)
         self._activity: Sequence[str] = ()
         self._not_ended: Sequence[str] = ()
         self._progress = Progress()
         self._refusal = ''
         self._changed: Callable[[], None] | None = None
 
-    def use(self, inputs: Mapping[str, str]) -> BtUse:
-        """What it wants of the server, with the types of its inputs."""
-        return BtUse(tree=self._tree, blackboard=self._blackboard, writes=inputs, reads=self._outputs)
+    def on_start(self) -> None:
+        super().on_start()
+        self._control_link()
 
-    def prepare(self) -> None:
-        """Look for the server already."""
-        self._goal.prepare()
-        if self._control is None:
-            self._control = state_services(self._state).services.link(ControlTree, self._control_topic)
+    def _run_tree(
+        self, userdata: UserData, goals: Sequence[Any] = (), goal_input: tuple[str, Any, str] | None = None
+    ) -> None:
+        """Send the goal with goal poses and, beside the inputs, an input that is a goal (key, value, type).
 
-    def start(self, goals: Sequence[Any], inputs: Iterable[tuple[str, Any, str]]) -> None:
-        """Send the goal with goal poses and typed inputs (key, value, type); time counts on the state's clock."""
+        Time counts on the state's clock.
+        """
+        inputs = [(key, userdata[key], type) for key, type in self._inputs.items()]
+        if goal_input is not None:
+            inputs.append(goal_input)
         self._activity = self._not_ended = ()
         self._progress = Progress()
         self._refusal = ''
         try:
             entries = [to_entry(key, value, type) for key, value, type in inputs]
         except FlexbtError as error:
-            self.refuse(str(error))
+            self._refusal = str(error)
             return
-        self.prepare()
-        assert self._control is not None
-        services = state_services(self._state)
+        services = state_services(self)
         self._changed = services.changed
         goal = BtExecute.Goal(
-            behavior_tree=self._tree,
+            behavior_tree=self.bt_use.tree,
             goals=list(goals),
             inputs=entries,
-            outputs=list(self._outputs),
+            outputs=list(self.bt_use.reads),
             output_encoding=BtExecute.Goal.BINARY,
-            blackboard=self._blackboard,
+            blackboard=self.bt_use.blackboard,
             owner=services.node_name,
         )
-        self._goal.send(goal, timeout=self._timeout, clock=self._state.clock, on_feedback=self._on_feedback)
-        self._pause = TreePause(self._state, self._control, self._goal.goal_id)
+        self._goal.send(goal, timeout=self._timeout, clock=self.clock, on_feedback=self._on_feedback)
+        self._pause = TreePause(self, self._control_link(), self._goal.goal_id)
 
-    def set_paused(self, paused: bool) -> None:
-        """The state is paused, or goes on: so is the tree."""
+    def on_pause(self) -> None:
         if self._pause is not None:
-            self._pause.set(paused)
+            self._pause.set(True)
 
-    def refuse(self, reason: str) -> None:
-        """Do not run the tree: what it would run on is not acceptable."""
-        self._refusal = reason
+    def on_resume(self, userdata: UserData) -> None:
+        if self._pause is not None:
+            self._pause.set(False)
 
-    def outcome(self, userdata: UserData) -> str | None:
-        """Outcome of the state, or None while the tree runs. Writes the outputs when the tree has succeeded."""
-        what = f'behavior tree {self._tree!r}' if self._tree else 'the default behavior tree'
+    def execute(self, userdata: UserData) -> str | None:
+        what = f'behavior tree {self.bt_use.tree!r}' if self.bt_use.tree else 'the default behavior tree'
         if self._refusal:
-            self._state.log_error(f'{what}: {self._refusal}')
+            self.log_error(f'{what}: {self._refusal}')
             return 'failed'
         ended = self._goal.poll()
         if ended is None:
@@ -116,27 +134,22 @@ class TreeExecution:
             if result is not None and result.failed_node:
                 reason += f' (node {result.failed_node})'
                 reason += ''.join(f'; so {step}' for step in result.reasons[1:])
-            self._state.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
+            self.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
             return answer
         assert result is not None
         try:
             if result.missing_outputs:
                 raise FlexbtError(f'the tree did not write {", ".join(map(repr, result.missing_outputs))}')
-            values = read_values(result.outputs, self._outputs)
+            values = read_values(result.outputs, self.bt_use.reads)
         except FlexbtError as error:
-            self._state.log_error(f'{what} succeeded, but its outputs are not as declared: {error}')
+            self.log_error(f'{what} succeeded, but its outputs are not as declared: {error}')
             return 'failed'
         for key, value in values.items():
-            userdata[self._output_keys.get(key, key)] = value
+            userdata[self._userdata_keys[key]] = value
         return 'done'
 
-    def leave(self) -> None:
-        """Cancel the tree when it still runs."""
-        self._goal.leave()
-
     def halting(self) -> str | None:
-        """What has not halted yet, None when nothing. After :meth:`leave`."""
-        halting = self._goal.halting()
+        halting = super().halting()
         if halting is None and self._pause is not None:
             if self._goal.is_over:
                 self._pause.end()  # not before: a tree that is being canceled is not to move once more
@@ -146,22 +159,25 @@ class TreeExecution:
         return halting
 
     def activity(self) -> Sequence[str]:
-        """Paths of the tree's nodes that are running; none when the tree has ended, or was lost."""
         return self._activity if self._goal.goal_id else ()
 
     def progress(self) -> Progress | None:
-        """How far the robot has come, as the tree tells; None when it has ended, or was lost."""
         goal_id = self._goal.goal_id
         if not goal_id:
             return None
         return self._progress if self._progress.tree_run_id else Progress(goal_id)
 
+    def _control_link(self) -> ServiceLink:
+        if self._control is None:
+            self._control = state_services(self).services.link(ControlTree, self._control_topic)
+        return self._control
+
     def _not_paused(self) -> Sequence[str]:
         return () if self._pause is None else (*self._not_ended, *self._pause.not_paused())
 
     def _warn_of(self, not_ended: Sequence[str]) -> None:
-        for line in state_services(self._state).goals.untold(self._topic, not_ended):
-            self._state.log_warn(line)
+        for line in state_services(self).goals.untold(self._topic, not_ended):
+            self.log_warn(line)
 
     def _on_feedback(self, feedback: Any) -> None:
         if (pause := self._pause) is not None:
