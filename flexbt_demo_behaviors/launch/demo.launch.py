@@ -11,31 +11,21 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from flexbt_demo_behaviors.demonstration import DemoSettings, built_in_places, demo_processes
+from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument, text
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """The nodes of the process table, for the arguments of this launch."""
-    map, places = (LaunchConfiguration(name).perform(context) for name in ('map', 'places'))
-    settings = DemoSettings(
-        map=map,
-        places=places or ('' if map else built_in_places()),
-        speed=float(LaunchConfiguration('speed').perform(context)),
+    map, places = text(context, 'map'), text(context, 'places')
+    (speed,) = numbers(context, 'speed')
+    return nodes_of(
+        demo_processes(DemoSettings(map=map, places=places or ('' if map else built_in_places()), speed=speed)),
+        {'autostart': text(context, 'autostart').lower() == 'true'},
+        namespace=LaunchConfiguration('namespace'),
+        respawn=True,  # one that died; not for ever
+        respawn_delay=1.0,
+        respawn_max_retries=5,
     )
-    autostart = {'autostart': LaunchConfiguration('autostart').perform(context).lower() == 'true'}
-    return [
-        Node(
-            package=process.package,
-            executable=process.executable,
-            name=process.name,
-            namespace=LaunchConfiguration('namespace'),
-            parameters=[dict(process.parameters), autostart],
-            output='screen',
-            respawn=True,  # one that died; not for ever
-            respawn_delay=1.0,
-            respawn_max_retries=5,
-        )
-        for process in demo_processes(settings)
-    ]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -44,8 +34,13 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('map', default_value='', description='ROS map YAML file; empty for the built-in map'),
             DeclareLaunchArgument('places', default_value='', description='YAML file of the places of the map'),
-            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
-            DeclareLaunchArgument('autostart', default_value='true', description='false: wait for a lifecycle manager'),
+            speed_argument(),
+            DeclareLaunchArgument(
+                'autostart',
+                default_value='true',
+                choices=['true', 'false', 'True', 'False'],
+                description='false: wait for a lifecycle manager',
+            ),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),
             OpaqueFunction(function=nodes),
         ]

@@ -9,27 +9,28 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-NAVIGATORS = ['navigate_to_pose', 'navigate_through_poses', 'follow_waypoints']
+from flexbt_demo_behaviors.demonstration import ParameterValue, Process
+from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument, text
+
+NAVIGATORS = ('navigate_to_pose', 'navigate_through_poses', 'follow_waypoints')
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """The nodes, for the arguments of this launch."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ('map', 'initial_pose', 'trees')}
-    simulator: dict[str, object] = {'speed_factor': float(LaunchConfiguration('speed').perform(context))}
-    if given['map']:
-        simulator['map'] = given['map']
-    if given['initial_pose']:
-        simulator['initial_pose'] = [float(number) for number in given['initial_pose'].strip('[] ').split(',')]
-    server: dict[str, object] = {'navigators': NAVIGATORS, 'allowed_directories': [given['trees']]}
-    common = {'namespace': LaunchConfiguration('namespace'), 'output': 'screen'}
-    simulated = {'use_sim_time': True}
-    return [
-        Node(package='flexbt_sim', executable='simulator', name='simulator', parameters=[simulator], **common),
-        Node(package='flexbt_sim', executable='navigation', name='navigation', parameters=[simulated], **common),
-        Node(
-            package='flexbt_server', executable='bt_server', name='bt_server', parameters=[simulated, server], **common
-        ),
-    ]
+    (speed,) = numbers(context, 'speed')
+    simulator: dict[str, ParameterValue] = {'speed_factor': speed}
+    if map := text(context, 'map'):
+        simulator['map'] = map
+    if text(context, 'initial_pose'):
+        simulator['initial_pose'] = tuple(numbers(context, 'initial_pose', 3))
+    simulated: dict[str, ParameterValue] = {'use_sim_time': True}
+    server = {**simulated, 'navigators': NAVIGATORS, 'allowed_directories': (text(context, 'trees'),)}
+    robot = (
+        Process('flexbt_sim', 'simulator', simulator),
+        Process('flexbt_sim', 'navigation', simulated),
+        Process('flexbt_server', 'bt_server', server),
+    )
+    return nodes_of(robot, namespace=LaunchConfiguration('namespace'))
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -41,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'trees', default_value='', description='directory from which goals may name XML files'
             ),
-            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
+            speed_argument(),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of all nodes'),
             OpaqueFunction(function=nodes),
         ]

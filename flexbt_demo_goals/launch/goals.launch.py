@@ -6,32 +6,18 @@ ros2 run flexbt_console console
 """
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
+from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument
 from flexbt_demo_goals.demonstration import robot_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """The nodes of the process table, for the arguments of this launch."""
-    return [
-        Node(
-            package=process.package,
-            executable=process.executable,
-            name=process.name,
-            parameters=[dict(process.parameters)],
-            output='screen',
-        )
-        for process in robot_processes(float(LaunchConfiguration('speed').perform(context)))
-    ]
+    return nodes_of(robot_processes(*numbers(context, 'speed')))
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the demonstration to `ros2 launch`."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return LaunchDescription([speed_argument(), OpaqueFunction(function=nodes)])

@@ -7,33 +7,18 @@ ros2 run flexbt_console console --namespace beta
 """
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
+from flexbt_demo_behaviors.launching import nodes_of, numbers, speed_argument
 from flexbt_demo_night_watch.demonstration import watch_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """The nodes of the process table, for the arguments of this launch."""
-    return [
-        Node(
-            package=process.package,
-            executable=process.executable,
-            name=process.name,
-            namespace=process.namespace,
-            parameters=[dict(process.parameters)],
-            output='screen',
-        )
-        for process in watch_processes(float(LaunchConfiguration('speed').perform(context)))
-    ]
+    return nodes_of(watch_processes(*numbers(context, 'speed')))
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the night watch to `ros2 launch`."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second'),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return LaunchDescription([speed_argument(), OpaqueFunction(function=nodes)])

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What launch files of demonstrations share: the nodes of a process table, and arguments that are numbers.
+
+Needs `launch` and `launch_ros`, which come with an installed ROS only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from launch import LaunchContext
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from flexbt_core.values import shown
+
+from .demonstration import ParameterValue, Process
+
+
+def speed_argument() -> DeclareLaunchArgument:
+    """The argument `speed`; :func:`numbers` reads it."""
+    return DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second')
+
+
+def text(context: LaunchContext, argument: str) -> str:
+    """What an argument of the launch file was set to."""
+    return str(LaunchConfiguration(argument).perform(context))
+
+
+def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float]:
+    """So many numbers, separated by commas, in brackets or not.
+
+    Raises:
+        ValueError: it is something else; names the argument, which `launch` prints.
+    """
+    given = text(context, argument)
+    try:
+        found = [float(number) for number in given.strip('[] ').split(',')]
+    except ValueError:
+        found = []
+    if len(found) != count or not all(map(math.isfinite, found)):
+        wanted = 'a number' if count == 1 else f'{count} numbers, separated by commas'
+        raise ValueError(f'launch argument {argument}:={shown(given)}: has to be {wanted}')
+    return found
+
+
+def nodes_of(
+    processes: Iterable[Process], parameters: Mapping[str, ParameterValue] | None = None, **options: Any
+) -> list[Node]:
+    """The nodes of a process table, all of them with further parameters, and options of `launch_ros.actions.Node`."""
+    return [
+        Node(
+            package=process.package,
+            executable=process.executable,
+            name=process.name,
+            parameters=[{**process.parameters, **(parameters or {})}],
+            output='screen',
+            **{'namespace': process.namespace, **options},
+        )
+        for process in processes
+    ]
