@@ -124,7 +124,7 @@ def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) ->
 
 
 class _Run:
-    """The tests of one package. How they ended is in the result file, not in colcon's exit code."""
+    """The tests of one package. How they ended is in the result file, not in pytest's exit code."""
 
     def __init__(self, workspace: Workspace, package: Package, variant: Variant | None = None) -> None:
         build = workspace.layout.build
@@ -133,6 +133,10 @@ class _Run:
         self._variant = variant
         self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
         self._process: subprocess.Popen[bytes] | None = None
+        self._start = 0.0  # monotonic
+
+    def __str__(self) -> str:
+        return f'{self._package.name} once more with {self._variant}' if self._variant else self._package.name
 
     @property
     def is_spread(self) -> bool:
@@ -144,33 +148,37 @@ class _Run:
         return LONGEST.index(self._package.name) if self._package.name in LONGEST else len(LONGEST)
 
     def start(self) -> None:
-        self._result_file.unlink(missing_ok=True)
-        workspace, variant = self._workspace, self._variant
-        log = workspace.layout.log / 'colcon' / self._package.name
-        command: list[str | Path] = ['colcon', '--log-base', log, 'test', '--event-handlers', 'summary-']
-        command += ['--base-paths', workspace.layout.root, '--return-code-on-test-failure']
-        command += ['--test-result-base', self._results, '--packages-select', self._package.name]
-        options = _in_parallel(workspace) if self.is_spread else []
-        if variant:
-            # Not --ignore, which colcon takes for the beginning of an option of its own.
-            options += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)]
-        if options:
-            command += ['--pytest-args', *options]
+        """As `colcon test` starts it, without colcon, which takes longer than the tests of many a package."""
+        workspace, variant, results = self._workspace, self._variant, self._result_file
+        results.unlink(missing_ok=True)
+        command: list[str | Path] = ['python3', '-m', 'pytest', '--tb=short', f'--junit-xml={results}']
+        command += [f'--junit-prefix={self._package.name}', '-o', f'cache_dir={results.with_name(".pytest_cache")}']
+        command += _in_parallel(workspace) if self.is_spread else []
+        command += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
         environment = {**workspace.environment, **(variant.environment if variant else {})}
         environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
-        if variant:
-            print(f'once more with {variant}: {variant.package}/{variant.tests}', flush=True)
-        self._process = subprocess.Popen(
-            [str(word) for word in workspace.inside(command)],
-            stdin=subprocess.DEVNULL,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            cwd=workspace.layout.root,
-            start_new_session=True,
-        )
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        self._start = time.monotonic()
+        with self._log.open('wb') as output:
+            self._process = subprocess.Popen(
+                [str(word) for word in workspace.inside(command)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                cwd=self._package.path,
+                start_new_session=True,
+            )
+        print(f'tests of {self}: begun', flush=True)
 
     def ended(self) -> bool:
-        return self._process is not None and self._process.poll() is not None
+        """Whether it has; when it is seen for the first time, that is told."""
+        if self._process is None or self._process.returncode is not None:
+            return self._process is not None
+        if self._process.poll() is None:
+            return False
+        print(f'tests of {self}: ended after {time.monotonic() - self._start:.0f} s', flush=True)
+        return True
 
     def stop(self) -> None:
         """Ends what still runs of it."""
@@ -185,6 +193,10 @@ class _Run:
     @property
     def _result_file(self) -> Path:
         return self._results / self._package.name / 'pytest.xml'
+
+    @property
+    def _log(self) -> Path:
+        return self._workspace.layout.log / f'test-{str(self).replace(" ", "-")}.log'
 
 
 def _in_parallel(workspace: Workspace) -> list[str]:
