@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The states of the night watch that talk with others: doors, and the other robot."""
+"""The states of the night watch, as the executive runs them: doors, the other robot, and what is seen in a room."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
-from flexbt_demo_night_watch.behavior import NextRoomState, OpenDoorState, WatchPartnerState
+from flexbt_demo_night_watch.behavior import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
@@ -73,3 +76,16 @@ def test_the_next_room_is_one_with_a_door_when_there_is_a_place_to_open_it_from(
         assert run.wait() == outcome
     done = bench.run_state(lambda: NextRoomState(['lobby'], PLACES), {**userdata, 'inherited': []})
     assert done.wait() == 'done'
+
+
+@pytest.mark.parametrize(
+    ('x', 'beams', 'outcome'), [(0.3, 6, 'found'), (0.3, 0, 'clear'), (3.0, 6, 'elsewhere'), (3.0, 0, 'elsewhere')]
+)
+def test_a_room_is_judged_from_its_place_only(bench: StateBench, x: float, beams: int, outcome: str) -> None:
+    """A robot whose battery was charged between the drive and the look is at its dock, whatever it sees there."""
+    pose = PoseStamped()
+    pose.pose.position.x = x
+    scan = LaserScan(angle_increment=0.01, ranges=[1.0] * beams)
+    userdata = {'map': OccupancyGrid(), 'goal': PoseStamped(), 'pose': pose, 'scan': scan, 'finding': None}
+    run = bench.run_state(CompareScanState, userdata)
+    assert run.wait() == outcome

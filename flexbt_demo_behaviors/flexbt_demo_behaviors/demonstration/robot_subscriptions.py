@@ -18,8 +18,8 @@ from flexbt_sim.world import Pose as Origin
 
 from .robot_track import Pose, RobotTrack
 
-TREE_DEPTH = 1000
-"""Messages of what trees do that may wait: each of them counts."""
+EACH = 1000
+"""Messages that may wait where each counts: poses, for the driven path, and what trees do."""
 
 
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
@@ -51,11 +51,11 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
-        node.create_subscription(PoseStamped, names.POSE, on_pose, 10)
+        node.create_subscription(PoseStamped, names.POSE, on_pose, EACH)
         node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
-        node.create_subscription(TreeStructure, names.TREE_STRUCTURE, on_structure, names.latched(TREE_DEPTH))
-        node.create_subscription(TreeStatus, names.TREE_STATUS, on_tree_status, names.latched(TREE_DEPTH))
+        node.create_subscription(TreeStructure, names.TREE_STRUCTURE, on_structure, names.latched(EACH))
+        node.create_subscription(TreeStatus, names.TREE_STATUS, on_tree_status, names.latched(EACH))
 
     runtime.call(subscribe)
 

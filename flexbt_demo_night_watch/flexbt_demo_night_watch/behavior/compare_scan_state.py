@@ -22,6 +22,9 @@ TOLERANCE = 0.25
 BEAMS = 5
 """So many beams have to end elsewhere: fewer may be noise."""
 
+THERE = 0.5
+"""A robot so near to a place is there, m: twice what the controller leaves of the way."""
+
 
 class CompareScanState(EventState):
     """
@@ -30,27 +33,34 @@ class CompareScanState(EventState):
     -- reach        float       How far from the robot it counts, m
 
     ># map          nav_msgs/OccupancyGrid      The map
-    ># pose         geometry_msgs/PoseStamped   Where the robot is on it
+    ># goal         geometry_msgs/PoseStamped   The place from which it is looked
+    ># pose         geometry_msgs/PoseStamped   Where the robot is on the map
     ># scan         sensor_msgs/LaserScan       What it sees
 
     #> finding      geometry_msgs/PoseStamped   Where that is, if there is something
 
     <= found                    There is something; the operator is told where.
     <= clear                    Everything that is seen is on the map.
+    <= elsewhere                The robot is not at that place: it was driven away meanwhile.
     """
 
     is_instant = True
 
     def __init__(self, reach: float = 2.0) -> None:
         super().__init__(
-            outcomes=['found', 'clear'],
-            input_keys=['map', 'pose', 'scan'],
+            outcomes=['found', 'clear', 'elsewhere'],
+            input_keys=['map', 'goal', 'pose', 'scan'],
             output_keys=['finding'],
             desired_rate=None,
         )
         self._reach = reach
 
     def execute(self, userdata: UserData) -> str:
+        place, here = userdata.goal.pose.position, userdata.pose.pose.position
+        away = math.hypot(here.x - place.x, here.y - place.y)
+        if away > THERE:
+            self.log_info(f'the robot is {away:.1f} m from where it shall look: it was driven away meanwhile')
+            return 'elsewhere'
         points = unexpected_points(userdata.map, userdata.pose, userdata.scan, self._reach)
         if len(points) < BEAMS:
             return 'clear'

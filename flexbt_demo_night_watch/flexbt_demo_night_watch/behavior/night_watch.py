@@ -150,32 +150,33 @@ class NightWatch(Behavior):
                 transitions={'done': 'ComeToRest', 'canceled': 'Postpone', 'failed': 'Postpone'},
                 autonomy={'done': Autonomy.Off, 'canceled': Autonomy.Off, 'failed': Autonomy.Full},
             )
-            # Pose and scan have to be of the same moment; those of a robot at rest always are.
+            # Pose and scan have to be of the same moment; those of a robot at rest always are. The pose comes last:
+            # while the round stood still the robot may have been driven to its dock, and then it is there still.
             OperatableStateMachine.add(
                 'ComeToRest',
                 WaitState(1.0),
-                transitions={'done': 'GetPose'},
+                transitions={'done': 'GetScan'},
                 autonomy={'done': Autonomy.Off},
-            )
-            OperatableStateMachine.add(
-                'GetPose',
-                SubscribeOnceState('pose', 'geometry_msgs/PoseStamped'),
-                transitions={'received': 'GetScan', 'timeout': 'failed'},
-                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
-                remapping={'message': 'pose'},
             )
             OperatableStateMachine.add(
                 'GetScan',
                 SubscribeOnceState('scan', 'sensor_msgs/LaserScan', best_effort=True),
-                transitions={'received': 'CompareScan', 'timeout': 'failed'},
+                transitions={'received': 'GetPose', 'timeout': 'failed'},
                 autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
                 remapping={'message': 'scan'},
             )
             OperatableStateMachine.add(
+                'GetPose',
+                SubscribeOnceState('pose', 'geometry_msgs/PoseStamped'),
+                transitions={'received': 'CompareScan', 'timeout': 'failed'},
+                autonomy={'received': Autonomy.Off, 'timeout': Autonomy.Off},
+                remapping={'message': 'pose'},
+            )
+            OperatableStateMachine.add(
                 'CompareScan',
                 CompareScanState(),
-                transitions={'found': 'JudgeFinding', 'clear': 'NoteRoom'},
-                autonomy={'found': Autonomy.Off, 'clear': Autonomy.Off},
+                transitions={'found': 'JudgeFinding', 'clear': 'NoteRoom', 'elsewhere': 'Drive'},
+                autonomy={'found': Autonomy.Off, 'clear': Autonomy.Off, 'elsewhere': Autonomy.Off},
             )
             # What is found is a matter for a person, whatever the autonomy below Full.
             OperatableStateMachine.add(

@@ -45,6 +45,9 @@ UPDATE: Final = (0.25, 0.2)
 """amcl_pose is published when the robot has moved by so much, m or rad, since the last one: amcl's update_min_d and
 update_min_a."""
 
+POSES: Final = 1000
+"""True poses that are kept for who has not taken them yet: the way of a robot is told by all of them."""
+
 BATTERY_PERIOD: Final = 1.0
 """From one battery_state to the next, s."""
 
@@ -98,7 +101,7 @@ class RobotTopics:
     def _connect(self) -> None:
         node, parameters, model = self._runtime.node, self._parameters, self.robot.model
         self._odom = self._publisher(Odometry, names.ODOM, 10)
-        self._pose = self._publisher(PoseStamped, names.POSE, 10)
+        self._pose = self._publisher(PoseStamped, names.POSE, POSES)
         self._tf = self._publisher(TFMessage, names.TF, 100)
         self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.latched())
         self._scan = self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data) if model.lidar else None

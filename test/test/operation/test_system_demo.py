@@ -59,6 +59,15 @@ def start(mark: str, output: Path, *arguments: str, program: str = DEMO) -> subp
     )
 
 
+def ending(returncode: int | None, output: str) -> str:
+    """What a demonstration told, for a failure: what came of it first, since a report may show a few lines only."""
+    lines = output.splitlines()
+    problems = [line.strip() for line in lines if line.strip().startswith('problem ')]
+    missed = [line.strip() for line in lines if 'NOT TAKEN' in line]
+    first = '; '.join([f'exit code {returncode}', *problems, *missed])
+    return '\n'.join([first, *lines[-10:], '', 'from its beginning:', *lines])
+
+
 def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
     """Read what the demonstration prints up to the line with this text."""
     assert process.stdout is not None
@@ -67,7 +76,7 @@ def wait_for_line(process: subprocess.Popen[str], text: str) -> list[str]:
         lines.append(line)
         if text in line:
             return lines
-    raise AssertionError(f'the demonstration ended without {text!r}:\n{"".join(lines)}')
+    raise AssertionError(f'the demonstration ended without {text!r}; {ending(process.wait(), "".join(lines))}')
 
 
 @pytest.mark.parametrize(
@@ -86,12 +95,13 @@ def test_a_demonstration_reaches_its_goals_and_takes_every_branch(
     before = uncontended_time()
     process = start(mark, tmp_path, *arguments, program=program)
     output, _ = process.communicate(timeout=900)
-    assert process.returncode == 0, output
-    assert uncontended_time() - before < seconds, output
-    assert 'NOT TAKEN' not in output
-    assert f'Demonstration {number}' in output
+    taken, told = uncontended_time() - before, ending(process.returncode, output)
+    assert process.returncode == 0, told
+    assert taken < seconds, f'{taken:.1f} s, more than {seconds:g} s: {told}'
+    assert 'NOT TAKEN' not in output, told
+    assert f'Demonstration {number}' in output, told
     file = tmp_path / f'demo{number}.png'
-    assert str(file) in output
+    assert str(file) in output, told
     with Image.open(file) as image:
         assert image.format == 'PNG'
     assert marked(mark) == {}
@@ -105,8 +115,9 @@ def test_a_signal_ends_every_process_and_is_no_success(number: signal.Signals, m
     sent = uncontended_time()
     process.send_signal(number)
     output, _ = process.communicate(timeout=60)
-    assert uncontended_time() - sent < END_SECONDS
-    assert process.returncode == 128 + number
+    taken = uncontended_time() - sent
+    assert taken < END_SECONDS
+    assert process.returncode == 128 + number, ending(process.returncode, output)
     assert marked(mark) == {}
     logs = ''.join(log.read_text() for log in (tmp_path / 'logs').iterdir())
     before, _, fault = (output + logs).partition('Traceback')
@@ -121,7 +132,8 @@ def test_a_process_that_dies_fails_the_demonstration_and_is_named(mark: str, tmp
     wait_until(lambda: 'ready' in log.read_text(), 'readiness')
     os.kill(victim, signal.SIGKILL)
     output, _ = process.communicate(timeout=60)
-    assert process.returncode == 1
-    assert 'process navigation ended with signal 9' in output
-    assert '[navigation]: ready' in output  # its last lines
+    told = ending(process.returncode, output)
+    assert process.returncode == 1, told
+    assert 'process navigation ended with signal 9' in output, told
+    assert '[navigation]: ready' in output, told  # its last lines
     assert marked(mark) == {}
