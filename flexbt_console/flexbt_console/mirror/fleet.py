@@ -14,15 +14,17 @@ from .view import View
 
 
 class Urgency(IntEnum):
-    """What a robot needs of its operator, the most urgent first."""
+    """What a robot needs of its operator, the most urgent first. DEGRADED: a node that it depends on is not there, or
+    late; LATE is its own picture."""
 
     ALARM = 0
     DECISION = 1
     FAILED = 2
     SILENT = 3
     LATE = 4
-    RUNS = 5
-    IDLE = 6
+    DEGRADED = 5
+    RUNS = 6
+    IDLE = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,10 @@ def overview_of(name: str, view: View) -> RobotOverview:
         return RobotOverview(name, view, Urgency.DECISION, max(0.0, snapshot.stamp - view.decision.since))
     if not view.running and snapshot.outcome in ('error', 'failed'):
         return RobotOverview(name, view, Urgency.FAILED, 0.0)
-    if not view.live or any(peer.late or not peer.alive for peer in snapshot.peers):
-        return RobotOverview(name, view, Urgency.LATE, 0.0 if view.live else view.age or 0.0)
+    if not view.live:
+        return RobotOverview(name, view, Urgency.LATE, view.age or 0.0)
+    if any(peer.late or not peer.alive for peer in snapshot.peers):
+        return RobotOverview(name, view, Urgency.DEGRADED, 0.0)
     return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)
 
 

@@ -58,6 +58,7 @@ _URGENCY_TONES: Final = {
     Urgency.FAILED: Tone.ERROR,
     Urgency.SILENT: Tone.ERROR,
     Urgency.LATE: Tone.WARNING,
+    Urgency.DEGRADED: Tone.WARNING,
     Urgency.IDLE: Tone.DIM,
 }
 _SEVERITY_TONES: Final = {Severity.WARN: Tone.WARNING, Severity.ERROR: Tone.ERROR}
@@ -106,10 +107,10 @@ def pose_text(value: Pose | None) -> str:
 
 
 def peer_line(peer: Peer) -> str:
-    """A node that the executive depends on; in capitals when it is gone, and what is wrong with it."""
+    """A node that the executive depends on; in capitals when it is not there, and what is wrong with it."""
     word, tone = 'ok', Tone.PLAIN
     if not peer.alive:
-        word, tone = 'GONE', Tone.ERROR
+        word, tone = 'MISSING', Tone.ERROR
     elif peer.late:
         word, tone = f'late {age_text(peer.age)}', Tone.WARNING
     elif not peer.ready:
@@ -119,7 +120,7 @@ def peer_line(peer: Peer) -> str:
 
 
 def missed_peers(snapshot: Snapshot) -> list[Peer]:
-    """The nodes that are gone, late, or not ready."""
+    """The nodes that are missing, late, or not ready."""
     return [peer for peer in snapshot.peers if not peer.alive or peer.late or not peer.ready]
 
 
@@ -295,7 +296,7 @@ def alarm_line(view: View) -> str:
 
 
 def robot_line(robot: RobotOverview) -> str:
-    """A robot among several: what it needs and for how long, what runs, and where."""
+    """A robot among several: what it needs and for how long, what runs, and where; and what it lacks."""
     view = robot.view
     words = {
         Urgency.ALARM: 'MOVES',
@@ -303,13 +304,16 @@ def robot_line(robot: RobotOverview) -> str:
         Urgency.FAILED: 'failed',
         Urgency.SILENT: 'silent',
         Urgency.LATE: 'late',
+        Urgency.DEGRADED: 'degraded',
     }
     word = words.get(robot.urgency, '')
     waited = age_text(robot.seconds) if robot.seconds else ''
     runs = what_runs(view) if view.snapshot is not None else 'nothing was heard of it'
     where = '  '.join(one_line(path) for path in view.active_paths)
     asked = decision_line(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
-    text = f'{one_line(robot.name):<12} {word:<6} {waited:>8}  {runs}  {asked or where}'
+    missed = '; '.join(peer_line(peer) for peer in missed_peers(view.snapshot)) if view.live and view.snapshot else ''
+    what = '  '.join(filter(None, (runs, asked or where, missed)))
+    text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
 
 

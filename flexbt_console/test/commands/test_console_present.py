@@ -90,7 +90,7 @@ def test_a_node_that_is_late_is_shown_with_its_age_and_a_dead_one_is_told() -> N
     assert '/bt_server late 4.0 s: it hangs' in scene.toolbar()
     assert 'node      /bt_server late 4.0 s: it hangs' in status_lines(scene.mirror.view())
     gone = scene.show(peers(alive=False, ready=False, problem='start it again'))
-    assert gone == ['node /bt_server GONE: start it again']
+    assert gone == ['node /bt_server MISSING: start it again']
     assert tone_of(gone[0]) is Tone.ERROR
     assert scene.show(peers()) == ['node /bt_server is there again']
     assert status_lines(scene.mirror.view())[-1] == 'nodes     /bt_server ok'

@@ -17,12 +17,14 @@ from flexbt_console.mirror import (
     ExecutiveState,
     Fleet,
     Mirror,
+    Peer,
     Pose,
     RobotOverview,
     Snapshot,
     StandstillWatch,
     Urgency,
 )
+from flexbt_console.present import robot_line
 from flexbt_console.ui.line import robots
 from flexbt_core.clock import ManualClock, SteadyClock
 
@@ -35,6 +37,7 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
     shown = {
         'idle': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='finished'),
         'runs': RUNS,
+        'alone': dataclasses.replace(RUNS, peers=(Peer('/bt_server', alive=False, problem='start it'),)),
         'failed': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='error'),
         'asks': dataclasses.replace(RUNS, decisions=(ASKED,)),
         'asks longer': dataclasses.replace(RUNS, decisions=(dataclasses.replace(ASKED, since=70.0),)),
@@ -50,11 +53,13 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
     for name, snapshot in shown.items():
         mirrors[name].receive_snapshot(snapshot)
         mirrors[name].receive_snapshot(dataclasses.replace(snapshot, sequence=2))
-    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'runs', 'idle']
+    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'alone', 'runs', 'idle']
     overview = fleet.overview()
     assert [robot.name for robot in overview] == expected
-    assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0]
+    assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0]
     assert overview[0].urgency is Urgency.DECISION
+    (alone,) = (robot_line(robot) for robot in overview if robot.name == 'alone')
+    assert 'degraded' in alone and 'late' not in alone and '/bt_server MISSING: start it' in alone
 
 
 def watch(snapshots: list[Snapshot]) -> list[bool]:

@@ -177,7 +177,7 @@ def test_everything_of_now_is_on_the_screen(size: tuple[int, int]) -> None:
                 'LIVE',
                 'RUNNING',
                 'Patrol',
-                'navigation GONE',
+                'navigation MISSING',
                 'Drive',
                 'FollowPath',
                 'IsFar?',
@@ -379,19 +379,53 @@ def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
     on_screen(robot, steps)
 
 
+def type_at_once(app: OperatorScreen, *keys: str) -> None:
+    """Keys that have all been typed before the screen deals with the first."""
+    for key in keys:
+        app.post_message(events.Key(_character_to_key(key), key) if len(key) == 1 else events.Key(key, None))
+
+
 def test_keys_typed_at_once_behind_the_colon_are_for_the_line() -> None:
     robot = Robot()
     robot.show(WHERE)
 
     async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        for character in ':claim!':
-            app.post_message(events.Key(_character_to_key(character), character))
+        type_at_once(app, *':claix', 'backspace', 'tab', '!')
         await pilot.pause()
         assert app.query_one('#line', Input).value == 'claim!' and robot.link.sent == []
         await pilot.press('escape', *'n', 'x', 'f8')
         assert app.query_one('#line', Input).value == 'note x' and robot.link.kinds == [CommandKind.STOP]
 
     on_screen(robot, type_quickly)
+
+
+def test_keys_typed_at_once_are_for_the_form_that_they_open() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('name', 'str', 'x'))
+    behaviors = (Behavior('Patrol'), Behavior('Errand', parameters=parameters))
+    robot.mirror.receive_behaviors(BehaviorList('e', behaviors))
+
+    async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        type_at_once(app, 's', 'down', 'enter', 'right', '9', 'backspace', '7', 'tab', *'bp+', 'enter')
+        await pilot.pause()
+        (start,) = robot.link.sent
+        assert start.behavior == 'Errand'
+        assert start.arguments == (('speed', '0.37'), ('name', 'bp+'))
+
+    on_screen(robot, type_quickly)
+
+
+def test_keys_typed_at_once_behind_the_choice_of_a_robot_are_for_that_robot() -> None:
+    robots = FakeRobots(3)
+
+    async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        type_at_once(app, 'o', 'down', 'enter', 'p')
+        await pilot.pause()
+        sent = {name: robot.link.kinds for name, robot in robots.robots.items() if robot.link.sent}
+        assert sent == {'/robot01': [CommandKind.PAUSE]}
+
+    on_screen(robots.robots['/robot00'], type_quickly, robots=robots)
 
 
 def test_what_comes_from_the_network_is_escaped() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import io
+import re
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -39,6 +40,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_console.ui.interaction import Bound, Local, ShownDecision, interpret
 from flexbt_console.ui.prompt import Prompt, toolbar
+from flexbt_console.ui.prompt.terminal import MOST_TYPED, Typed
 from flexbt_core.clock import ManualClock
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
@@ -295,6 +297,24 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
     assert [entry.decision_id for entry in link.sent] == ['i1', 't1', '']
     waits = [(entry.wait_queue, entry.wait_interaction) for entry in link.sent]
     assert [min(pair) >= 0.0 for pair in waits] == [True, True, False]  # measured where there was something to answer
+
+
+@pytest.mark.parametrize('piece', [1, 7, 1024])
+def test_of_what_is_typed_or_pasted_no_more_is_parsed_than_a_line_has_room_for(piece: int) -> None:
+    def paste(count: int) -> str:
+        return '\x1b[200~' + 'l\n' * (count // 2) + '\x1b[201~'
+
+    refused: list[int] = []
+    typed = Typed(refused.append)
+    flood = 'x' * (3 * MOST_TYPED)
+    sent = f'a{paste(MOST_TYPED)}\r{paste(100_000)}stop\r{flood}\r{flood}\x15ok\r'
+    taken = ''.join(typed.take(sent[place : place + piece]) for place in range(0, len(sent), piece))
+    cut = 'x' * (MOST_TYPED + 1)
+    if piece == 1024:  # what comes at once is one paste, as far as there is room
+        assert taken.count('\x1b[200~') == taken.count('\x1b[201~') == 2 + 12
+        taken = re.sub('\x1b\\[200~(x+)\x1b\\[201~', r'\1', taken)
+    assert taken == f'a{paste(MOST_TYPED)}\r{paste(0)}stop\r{cut}\r{cut}\x15ok\r'
+    assert refused == [100_000]
 
 
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:

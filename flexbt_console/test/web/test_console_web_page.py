@@ -322,6 +322,12 @@ def test_a_page_that_names_no_robot_goes_to_the_first_that_is_found(browser: Bro
         robots.come('/second', WebRobot().station())
         browser.until(lambda: browser.run('return document.querySelectorAll("[data-robot]").length') == 2)
         assert browser.run('return document.getElementById("robot").value') == '/first'
+        browser.driver.get(f'http://127.0.0.1:{port}/?robot=thrid')
+        browser.until_text('link', 'NO SUCH ROBOT')
+        browser.until_text('alarm', "no robot 'thrid' was found (/first, /second)")
+        assert browser.run('return document.querySelectorAll("[data-robot]").length') == 2
+        robots.come('/thrid', WebRobot().station())
+        browser.until_live()
 
 
 def test_a_page_that_names_no_robot_stays_at_the_one_it_has_got(browser: Browser) -> None:

@@ -487,7 +487,11 @@ def test_a_robot_that_comes_later_has_its_line_its_place_on_the_map_and_its_page
     robots = WebRobots({'/first': first.station()})
 
     async def run(port: int) -> None:
-        async with page(port, robot='second') as early:
+        async with page(port, robot='frist') as early:
+            await early.until(lambda: early.messages)
+            (refused,) = (one['refused'] for one in early.messages)
+            assert refused['word'] == 'NO SUCH ROBOT' and "did you mean '/first'?" in refused['text']
+            assert [one['name'] for one in refused['robots']] == ['/first']
             assert await early.closed() == WSCloseCode.TRY_AGAIN_LATER
         async with page(port) as opened:
             await opened.until(lambda: 'others' in opened.parts)

@@ -80,7 +80,7 @@ class PeersWatch:
                 late=watch.late,
                 age=watch.age,
                 ready=peer.ready,
-                problem=sendable(watch.problem) or self._gone(peer),
+                problem=sendable(watch.problem) or self._absence(peer),
                 since=peer.since,
             )
             for peer, watch in zip(self._peers, self._watches, strict=True)
@@ -98,8 +98,10 @@ class PeersWatch:
         """Whether one of them is not heard, and is not known to have ended."""
         return any(watch.silent for watch in self._watches)
 
-    def _gone(self, peer: _Peer) -> str:
-        if peer.alive is not False:
+    def _absence(self, peer: _Peer) -> str:
+        if peer.alive is None:
+            return 'it was not seen yet; start it'
+        if peer.alive:
             return ''
         seconds = self._runtime.steady.now() - peer.gone_at
         return f'its process ended, or is out of reach, since {seconds:.0f} s; restart it'

@@ -44,7 +44,7 @@ from flexbt_console.ui.interaction import Attention, Bound, Local, Meaning, NoLi
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
-from .terminal import RawInput, is_gone
+from .terminal import MOST_TYPED, RawInput, is_gone
 from .toolbar import toolbar
 
 
@@ -57,10 +57,6 @@ class Link(AskedRobot, Protocol):
 
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
-
-MOST_TYPED: Final = 5_000
-"""Characters of a line; what is beyond is dropped, and the line refused. prompt_toolkit keeps a copy of the line for
-each key, to undo it."""
 
 REDRAW_SECONDS: Final = 0.1
 """Shortest time between two drawings, which limits what goes over a slow terminal connection."""
@@ -93,7 +89,9 @@ def run_prompt(
 ) -> None:
     """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT, SIGTERM or SIGHUP
     comes, of which ``signaled`` is told in the handler."""
-    asyncio.run(Prompt(mirror, link, make, timeout, clock, leaving, signaled=signaled, input=RawInput()).run())
+    keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
+    prompt = Prompt(mirror, link, make, timeout, clock, leaving, signaled=signaled, input=keyboard)
+    asyncio.run(prompt.run())
 
 
 @dataclass(frozen=True)
@@ -161,6 +159,11 @@ class Prompt:
     def shown_decision(self) -> str | None:
         """Identifier of the decision that is on the screen."""
         return self._shown.shown
+
+    def refuse_paste(self, characters: int) -> None:
+        """Tell that a paste was too long for a line."""
+        told = f'a paste of {characters} characters was left out: a line has {MOST_TYPED} at most; nothing was done'
+        self._print(_warned([told]))
 
     def _typed(self, text: str) -> None:
         """A key counts as dealing with the decision on the screen."""

@@ -1,17 +1,92 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The terminal of the prompt: it stays raw as long as the prompt goes on, and it may go away."""
+"""The terminal of the prompt: it stays raw as long as the prompt goes on, may go away, and may bring far too much."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import re
 import sys
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Final
 
+from prompt_toolkit.input.posix_utils import PosixStdinReader
 from prompt_toolkit.input.vt100 import Vt100Input
 
+MOST_TYPED: Final = 5_000
+"""Characters of a line; what is beyond is dropped, and the line refused. prompt_toolkit keeps a copy of the line for
+each key, to undo it."""
+
+AT_ONCE: Final = 64
+"""More characters that came at once were not typed."""
+
+_BEGIN: Final = '\x1b[200~'
+_END: Final = '\x1b[201~'
+"""Around what was pasted, by terminals that can tell it."""
+
+_CONTROL: Final = re.compile(r'([\x00-\x1f\x7f])')
 _GONE: Final = frozenset({errno.EIO, errno.EBADF, errno.ENXIO, errno.EPIPE})
+
+
+class Typed:
+    """What a terminal sends, without what no line has room for: :data:`MOST_TYPED` characters between two control
+    characters, and one more, by which the line is known to be too long; of what was pasted as a whole, all or nothing.
+
+    prompt_toolkit looks through all of a paste again with each kilobyte of it, and takes milliseconds for each typed
+    character. So a paste that is left out is an empty one to it, and many characters that came at once are a paste.
+    """
+
+    def __init__(self, on_refused: Callable[[int], object]) -> None:
+        self._on_refused = on_refused
+        self._typed = 0
+        self._is_escaped = False
+        self._last = ''
+        self._pasted: str | None = None
+        self._dropped = 0
+
+    def take(self, text: str) -> str:
+        """The text that came, as far as it is to be parsed now: a paste is when its end has come."""
+        kept = ''
+        while text:
+            if self._pasted is None:
+                typed, begin, rest = f'{self._last}{text}'.partition(_BEGIN)
+                kept += self._bounded(f'{typed}{begin}'[len(self._last) :])
+                self._last = '' if begin else typed[-len(_BEGIN) + 1 :]
+                self._pasted, text = ('', rest) if begin else (None, '')
+                continue
+            pasted, end, text = f'{self._pasted}{text}'.partition(_END)
+            if end:
+                size = len(pasted) + self._dropped
+                kept += f'{pasted if size <= MOST_TYPED else ""}{_END}'
+                if size > MOST_TYPED:
+                    self._on_refused(size)
+                self._pasted, self._dropped = None, 0
+            else:
+                drop = max(0, len(pasted) - MOST_TYPED - len(_END))  # in the rest may be the begin of its end
+                self._pasted, self._dropped = pasted[drop:], self._dropped + drop
+        return kept
+
+    def _bounded(self, text: str) -> str:
+        kept = []
+        for part in _CONTROL.split(text):
+            if len(part) == 1 and _CONTROL.match(part):
+                kept.append(part)
+                self._typed, self._is_escaped = 0, part == '\x1b'
+            elif part:
+                fits = part[: max(0, MOST_TYPED + 1 - self._typed)]
+                kept.append(f'{_BEGIN}{fits}{_END}' if len(fits) > AT_ONCE and not self._is_escaped else fits)
+                self._typed += len(part)
+        return ''.join(kept)
+
+
+class _BoundedReader(PosixStdinReader):
+    def __init__(self, file: int, encoding: str, typed: Typed) -> None:
+        super().__init__(file, encoding=encoding)
+        self._taken = typed
+
+    def read(self, count: int = 1024) -> str:
+        return self._taken.take(super().read(count))
 
 
 class RawInput(Vt100Input):
@@ -21,8 +96,10 @@ class RawInput(Vt100Input):
     that belongs to it, such as a demonstration that drives the robot.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_refused: Callable[[int], object] = lambda characters: None) -> None:
+        """``on_refused`` is told how many characters a paste had that was left out: it was longer than any line."""
         super().__init__(sys.stdin)
+        self.stdin_reader = _BoundedReader(self.fileno(), sys.stdin.encoding, Typed(on_refused))
 
     def cooked_mode(self) -> AbstractContextManager[None]:
         """Nothing changes."""

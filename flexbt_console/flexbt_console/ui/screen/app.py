@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import functools
 import math
 import shlex
@@ -56,6 +58,9 @@ AGE_SECONDS: Final = 0.7
 PLAY_SECONDS: Final = 0.1
 """From one picture of a recording that plays to the next."""
 
+FIELD_SECONDS: Final = 0.5
+"""A field has taken what was typed into it before that; else the next key does not wait for it."""
+
 TOLD_LINES: Final = 200
 """Lines that the console itself has told, and are remembered."""
 
@@ -85,10 +90,15 @@ class _Completing(Suggester):
         self._view = view
 
     async def get_suggestion(self, value: str) -> str | None:
-        """The line with its last word completed."""
-        found = candidates(value, self._view())
-        head = value[: len(value) - len(value.rpartition(' ')[2])]
-        return f'{head}{found[0]}' if value and found else None
+        """See :class:`textual.suggester.Suggester`."""
+        return _completed(value, self._view())
+
+
+def _completed(value: str, view: View) -> str | None:
+    """The line with its last word completed."""
+    found = candidates(value, view)
+    head = value[: len(value) - len(value.rpartition(' ')[2])]
+    return f'{head}{found[0]}' if value and found else None
 
 
 def _guarded(method: Callable[P, None]) -> Callable[P, None]:
@@ -155,6 +165,7 @@ class OperatorScreen(App[None]):
                 *((key, f'replay("{move}")') for key, move in MOVES.items()),
                 *((key, f'cursor("{key}")') for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
                 ('escape', 'leave_mode'),
+                ('tab', 'complete'),
                 ('f8', 'stop_now'),
             )
         ),
@@ -330,11 +341,12 @@ class OperatorScreen(App[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key does that now; what is typed into a line or an open list is for these."""
-        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode'):
+        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'complete'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
             return isinstance(self.screen, Overview) and parameters == ('stop',)
-        return action == 'leave_mode' or not self.query_one('#line', Input).has_class('typing')
+        is_typing = self.query_one('#line', Input).has_class('typing')
+        return action == 'leave_mode' or is_typing == (action == 'complete')
 
     def action_stop_now(self) -> None:
         """Stop, whatever is open."""
@@ -432,10 +444,23 @@ class OperatorScreen(App[None]):
             threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
 
     async def on_event(self, event: events.Event) -> None:
-        """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen."""
+        """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen.
+
+        A key that changes a field, or leaves it, comes after what was typed into it, and before the next key: Textual
+        has both in queues of different widgets.
+        """
         if isinstance(event, events.Key):
             view = self._mirror.view()
             self._attention.touched(view, view.decision.id if view.decision is not None else None)
+            field = self.focused
+            if isinstance(field, Input) and not (event.is_forwarded or event.is_printable):
+                typed = asyncio.Event()
+                field.call_later(typed.set)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(typed.wait(), FIELD_SECONDS)
+                if not await self._check_bindings(event.key, priority=True):
+                    await self._check_bindings(event.key)
+                return
         await super().on_event(event)
 
     def _ask(self, meaning: Meaning) -> None:
@@ -625,13 +650,11 @@ class OperatorScreen(App[None]):
         except ConsoleError as error:
             self._warn(str(error))
 
-    def on_key(self, event: events.Key) -> None:
-        """Tab completes the line that is typed."""
-        line = self.screen_stack[0].query_one('#line', Input)
-        if event.key == 'tab' and line.has_focus:
-            event.stop()
-            event.prevent_default()
-            line.action_cursor_right()
+    def action_complete(self) -> None:
+        """Complete the line that is typed."""
+        line = self.query_one('#line', Input)
+        line.value = _completed(line.value, self._mirror.view()) or line.value
+        line.cursor_position = len(line.value)
 
 
 def run_screen(

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What comes over the panes: a list to choose from, the form of a behavior, a text to read. Escape leaves each."""
+"""What comes over the panes: a list to choose from, the form of a behavior, a text to read. Escape leaves each.
+
+The keys that move or end one have priority, and its first field has the focus at once: so keys are dealt with in the
+order in which they were typed, however quickly, and none of them reaches what was there before or comes after.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,21 @@ MOST_ROWS: Final = 100
 class ChoiceList(ModalScreen[int | None]):
     """A list; gives the number of the line that was chosen, from 0 on, or None."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding('escape', 'dismiss(None)', 'leave')]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding('escape', 'dismiss(None)', 'leave', priority=True),
+        Binding('enter', 'choose', 'choose', priority=True),
+        *(
+            Binding(key, f'move("{move}")', move, priority=True)
+            for key, move in (
+                ('up', 'cursor_up'),
+                ('down', 'cursor_down'),
+                ('home', 'first'),
+                ('end', 'last'),
+                ('pageup', 'page_up'),
+                ('pagedown', 'page_down'),
+            )
+        ),
+    ]
 
     def __init__(self, title: str, lines: Sequence[str]) -> None:
         super().__init__()
@@ -46,10 +64,18 @@ class ChoiceList(ModalScreen[int | None]):
 
     def on_mount(self) -> None:
         """The list has the keys."""
-        self.query_one(OptionList).focus()
+        self.set_focus(self.query_one(OptionList))
+
+    def action_move(self, move: str) -> None:
+        """Move in the list, as it moves by itself."""
+        getattr(self.query_one(OptionList), f'action_{move}')()
+
+    def action_choose(self) -> None:
+        """The line under the cursor."""
+        self.dismiss(self.query_one(OptionList).highlighted)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """A line was chosen."""
+        """A line was clicked."""
         self.dismiss(event.option_index)
 
 
@@ -62,6 +88,8 @@ class StartForm(ModalScreen[str | None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape', 'dismiss(None)', 'leave'),
         Binding('ctrl+s', 'send', 'start', priority=True),
+        Binding('tab', 'app.focus_next', 'next', priority=True),
+        Binding('shift+tab', 'app.focus_previous', 'previous', priority=True),
     ]
 
     def __init__(self, verb: str, behavior: Behavior) -> None:
@@ -91,7 +119,7 @@ class StartForm(ModalScreen[str | None]):
         """The first field is ready to be typed into."""
         fields = self.query('Input, Select')
         if fields:
-            fields.first().focus()
+            self.set_focus(fields.first())
 
     def on_key(self, event: Any) -> None:
         """Without a field, Enter starts."""
@@ -133,7 +161,7 @@ class Reading(ModalScreen[None]):
 
     def on_mount(self) -> None:
         """The text has the keys that scroll."""
-        self.query_one(VerticalScroll).focus()
+        self.set_focus(self.query_one(VerticalScroll))
         self.call_after_refresh(self._draw)
 
     def on_resize(self) -> None:

@@ -30,15 +30,16 @@ def others_text(robots: Sequence[RobotOverview], own: str) -> str:
 class Overview(ModalScreen[str | None]):
     """The list of robots; gives the name of the one that was chosen, or None.
 
-    The cursor stays at its robot, wherever that is in the list.
+    The cursor stays at its robot, wherever that is in the list. Its keys have priority: one that is typed quickly
+    behind Enter is for the robot that was chosen, and not for the one before.
     """
 
     CSS = 'Overview { align: left top; } Overview Pane { width: 100%; height: 100%; }'
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding('escape,o', 'dismiss(None)', 'leave'),
-        Binding('enter', 'choose', 'go there'),
-        Binding('down,j', 'step(1)', 'next'),
-        Binding('up,k', 'step(-1)', 'previous'),
+        Binding('escape,o', 'dismiss(None)', 'leave', priority=True),
+        Binding('enter', 'choose', 'go there', priority=True),
+        Binding('down,j', 'step(1)', 'next', priority=True),
+        Binding('up,k', 'step(-1)', 'previous', priority=True),
     ]
 
     def __init__(self, robots: Callable[[], Sequence[RobotOverview]], own: str) -> None:

@@ -8,7 +8,7 @@ import contextlib
 import logging
 import struct
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
@@ -16,7 +16,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import CommandState, Fleet
+from flexbt_console.mirror import CommandState, Fleet, RobotOverview
 from flexbt_console.present import command_result_lines, encode_json, tone_of
 from flexbt_core.values import lines, one_line
 
@@ -95,6 +95,12 @@ class PageLink:
                 return True
         await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
         return False
+
+    async def refuse(self, word: str, text: str, robots: Sequence[RobotOverview] = ()) -> None:
+        """Tell a welcome page in a word and a line why it shows nothing, and which robots there are; it tries again."""
+        with contextlib.suppress(ConnectionError, TimeoutError):
+            await self._send({'refused': {'word': word, 'text': text, 'robots': robot_lines(robots)}})
+        await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
 
     # What the page is told
 

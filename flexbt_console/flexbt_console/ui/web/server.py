@@ -8,10 +8,11 @@ from collections.abc import Callable
 from importlib.resources import files
 from typing import Final
 
-from aiohttp import WSCloseCode, web
+from aiohttp import web
 
 from flexbt_common.pictures import STYLE
 from flexbt_console.mirror import Mirror
+from flexbt_core.values import hint, shown
 
 from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
@@ -103,14 +104,13 @@ class WebServer:
         await socket.prepare(request)
         if not await self._greet(page, request):
             return socket
-        robot = self._named(request.query.get('robot', ''))
-        if robot is None or len(self._pages) >= MOST_PAGES:
-            text = (
-                'no robot of this name was found yet'
-                if robot is None
-                else f'{MOST_PAGES} pages are open already; close one'
-            )
-            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=text.encode())
+        name = request.query.get('robot', '')
+        robot = self._named(name)
+        if robot is None:
+            await page.refuse('NO SUCH ROBOT', self._not_found(name), self._robots.fleet.overview())
+            return socket
+        if len(self._pages) >= MOST_PAGES:
+            await page.refuse('TOO MANY PAGES', f'{MOST_PAGES} pages are open already; close one')
             return socket
         self._pages.add(page)
         try:
@@ -130,6 +130,10 @@ class WebServer:
             return next((one for one in (name, f'/{name}') if one in known), None)
         own = self._robots.own
         return own if own in known or not known else self._robots.fleet.overview()[0].name
+
+    def _not_found(self, name: str) -> str:
+        meant = hint(f'/{name.strip("/")}', self._robots.fleet.names)
+        return f'no robot {shown(name)} was found{meant or ", and no other one yet"}'
 
     async def _greet(self, page: PageLink, request: web.Request) -> bool:
         """Whether the page is welcome. Who says nothing keeps nobody out."""

@@ -10,7 +10,7 @@ import {ServerLink} from './server_link.js';
 const MOST_LOG = 500;
 const byId = (id) => document.getElementById(id);
 const known = {active: {paths: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
-let server = {open: false, text: 'no server'};
+let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
 
 const tell = (text, tone) => {
@@ -123,13 +123,13 @@ function drawHead() {
   const {status, times} = known;
   const live = isLive();
   const age = times.age == null ? null : times.age + (performance.now() - heard) / 1000;
-  byId('link').textContent = server.open ? (known.link?.word ?? 'no executive').replace(/ [\d.]+ \w+$/, '') : 'NO SERVER';
+  byId('link').textContent = server.open ? (known.link?.word ?? 'no executive').replace(/ [\d.]+ \w+$/, '') : server.word;
   byId('link').className = live ? 'good' : 'error';
   byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
   byId('runs').textContent = status?.runs ?? '';
   byId('authority').textContent = status?.authority ? `authority ${status.authority}` : '';
   const alarm = [];
-  if (!server.open) alarm.push(server.text);
+  if (!server.open) alarm.push(...(server.text ? [server.text, 'trying again'] : []));
   else if (!live) alarm.push('BLIND: this is how it was then; only STOP is sent');
   if (known.link?.problem) alarm.push(known.link.problem);
   if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...(status.message ? [status.message] : []));
@@ -221,6 +221,9 @@ function takeMessage(message) {
       drawMachine();
       drawTrees();
     } else tell(`no picture: ${message.drawing.problem}`, 'warning');
+  } else if (message.refused) {
+    known.robots = message.refused.robots;
+    drawRobots();
   } else if (message.told) tell(message.told.text, message.told.tone);
   else if (message.read) commands.read(message.read.title, message.read.text);
   else if (message.candidates) commands.candidates(message.candidates);
@@ -230,8 +233,8 @@ const link = new ServerLink({
   parts: takeParts,
   message: takeMessage,
   map: (head, cells) => map.setMap(head, cells),
-  state: (open, text) => {
-    server = {open, text};
+  state: (open, word, text) => {
+    server = {open, word, text};
     known.link = null;  // what was before is not live, also when the server is back, until it says so
     drawHead();
     choose();

@@ -3,15 +3,18 @@
 
 const SILENT_MS = 3500;
 const LONGEST_WAIT_MS = 5000;
+const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
 
 export class ServerLink {
-  // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, text)
+  // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
+  // is wrong, in a word and in a line.
   constructor(on) {
     this.on = on;
     this.wait = 250;
     this.socket = null;
     this.heard = 0;
     this.welcome = false;
+    this.refused = null;
     setInterval(() => this.look(), 500);
     this.open();
   }
@@ -44,8 +47,9 @@ export class ServerLink {
     if (message.hello) {
       this.welcome = true;
       this.wait = 250;
-      this.on.state(true, '');
+      this.on.state(true, '', '');
     }
+    if (message.refused) this.refused = message.refused;
     if (message.parts) this.on.parts(message.parts);
     else this.on.message(message);
   }
@@ -61,8 +65,10 @@ export class ServerLink {
   lost(reason) {
     this.socket = null;
     this.welcome = false;
-    this.on.state(false, `${reason || 'the server of this page is gone'}; trying again`);
-    setTimeout(() => this.open(), this.wait);
+    const {word, text} = this.refused ?? {word: 'NO SERVER', text: reason || 'the server of this page is gone'};
+    this.on.state(false, word, text);
+    setTimeout(() => this.open(), this.refused ? REFUSED_WAIT_MS : this.wait);
+    this.refused = null;
     this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
   }
 
