@@ -322,6 +322,7 @@ class TreeSystem:
         else:
             if label.kind == START:
                 run.is_started = True
+                self._monitor.look()
             elif label.kind == RESULT:
                 environment.open[label.subject].result = NodeStatus[label.value]
             elif label.kind == CONFIRMED:

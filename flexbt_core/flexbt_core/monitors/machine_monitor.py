@@ -18,6 +18,7 @@ from flexbt_core.state_machine import (
 
 from .approvals import Approvals
 from .properties import Property, Violation, shared_actuators
+from .requirement_text import machine_parts
 from .requirements import Requirement, Requirements
 from .visits import Visits
 
@@ -66,6 +67,8 @@ class MachineMonitor:
             self._visits.resume(state.path for state in run.active_states())
             self._approvals.resume(run.approved())
             self.requirements.resume()
+        if self.requirements.are_about_parts:
+            self.requirements.look(machine_parts(run.definition))
 
     def entered(self, path: str) -> None:
         if (wrong := self._visits.entered(path)) is not None:

@@ -18,6 +18,8 @@ Text                                         What is required
 ``A works only while C holds``               a condition is asked, and holds, as long as a leaf works (of a tree)
 ``EVENT only with KEY and KEY written``      userdata was written, and is no default (of a machine; proved only)
 ``EVENT is always still possible``           there is always a way to it (proved only)
+``NAME is a TYPE``                           a leaf, another node, or a state is of this type
+``NAME has PORT=TEXT and PORT={key}``        and its ports are given this
 ===========================================  =========================================================================
 
 Events are those of :mod:`flexbt_core.monitors.requirements`. A file has them by the name of a behavior, or the ID of a
@@ -37,7 +39,7 @@ from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree.model import FAILURE, SUCCESS
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine import MachineDefinition, StateDefinition
+from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StateDefinition
 from flexbt_core.values import YamlParts, hint, line_of, shown
 
 from .requirements import (
@@ -45,7 +47,11 @@ from .requirements import (
     Apart,
     AtMost,
     Before,
+    Has,
+    IsA,
     Never,
+    Part,
+    Parts,
     Possible,
     Requirement,
     While,
@@ -90,11 +96,15 @@ _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     (r'(.+) never while (.+)', Apart),
     (r'(.+) is always still possible', Possible),
 )
+_IS_A: Final = re.compile(r'(.+) is an? (\S+)')
+_HAS: Final = re.compile(r'(.+?) has ([\w/]+=.*)')
+_NEXT: Final = re.compile(r' and (?=[\w/]+=)')
+"""Between two ports."""
 _EXAMPLES: Final = (
     '"never A", "A at most 3 times", "A at most 1 time in 2 s", "A only after B", "A only after B, 3 times", '
     '"A only after B, each time anew", "after A comes B or C", "after A, B within 5 s", "after A, B before the end", '
     '"after A, B before the end, up to 3 times", "A never while B", "A works only while C holds", '
-    '"A only with KEY written", "A is always still possible"'
+    '"A only with KEY written", "A is always still possible", "A is a TYPE", "A has PORT=TEXT"'
 )
 
 
@@ -118,6 +128,11 @@ def parse_requirement(text: str, place: str) -> Stated:
     told = ' '.join(text.split())
     if len(told) > LONGEST:
         raise RequirementError([f'{place}: a requirement has at most {LONGEST} characters, not {len(told)}'])
+    if (match := _IS_A.fullmatch(told)) is not None:
+        return Stated(IsA(_event(match[1]), match[2]), place)
+    if (match := _HAS.fullmatch(told)) is not None:
+        values = [part.partition('=') for part in _NEXT.split(match[2])]
+        return Stated(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
     for form, make in _FORMS:
         match = re.fullmatch(form, told)
         if match is not None:
@@ -171,12 +186,13 @@ def _unfit(made: Requirement) -> str:
 
 class Vocabulary(NamedTuple):
     """What requirements of a machine or tree can be about: ``events`` by their names, ``working`` what works for a
-    time, ``conditions`` of a tree, and ``keys`` of the userdata of a machine."""
+    time, ``conditions`` of a tree, ``keys`` of the userdata of a machine, and all ``parts``."""
 
     events: Collection[str]
     working: Collection[str]
     conditions: Collection[str]
     keys: Collection[str]
+    parts: Parts
     is_tree: bool
 
 
@@ -188,7 +204,24 @@ def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
     states = [node.path for node in nodes if not isinstance(node, MachineDefinition)]
     keys = {*machine.input_keys, *machine.defaults}
     keys.update(key for node in machine.children.values() for key in _keys_of(node))
-    return Vocabulary([*(node.path for node in nodes), *left, *ends], states, (), keys, False)
+    events = [*(node.path for node in nodes), *left, *ends]
+    return Vocabulary(events, states, (), keys, machine_parts(machine), False)
+
+
+def machine_parts(machine: MachineDefinition) -> Parts:
+    """What the machine is made of: its states and machines, with the keys that theirs stand for; and the transitions,
+    ``/Path > outcome``, with the ``autonomy`` that they require."""
+    found: dict[str, list[Part]] = {}
+    for node in machine.nodes():
+        if node is machine:
+            continue
+        owner = node if isinstance(node, MachineDefinition) else node.state
+        keys = {key: f'{{{node.remap.get(key, key)}}}' for key in (*owner.input_keys, *owner.output_keys)}
+        found[node.path] = [Part(owner.type_name, keys)]
+        for outcome, way in node.transitions.items():
+            level = AUTONOMY_NAMES.get(way.autonomy, '')
+            found[f'{node.path} > {outcome}'] = [Part('transition', {'autonomy': level} if level else {})]
+    return found
 
 
 def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
@@ -196,11 +229,11 @@ def _keys_of(node: StateDefinition | MachineDefinition) -> Iterator[str]:
     return (node.remap.get(key, key) for key in (*owner.input_keys, *owner.output_keys))
 
 
-def tree_vocabulary(leaves: Iterable[tuple[str, bool]]) -> Vocabulary:
-    """That of a tree, of the paths of its leaves, and whether each takes time."""
+def tree_vocabulary(leaves: Iterable[tuple[str, bool]], parts: Parts) -> Vocabulary:
+    """That of a tree, of the names of its leaves, and whether each takes time; ``parts`` are all of its nodes."""
     found = list(leaves)
-    names = [name for name, _ in found]
-    working = [name for name, takes_time in found if takes_time]
+    names = list(dict.fromkeys(name for name, _ in found))
+    working = list(dict.fromkeys(name for name, takes_time in found if takes_time))
     results = [f'{name} > {status.name}' for name in names for status in (SUCCESS, FAILURE)]
     ends = [f'={status.name}' for status in (SUCCESS, FAILURE)]
     return Vocabulary(
@@ -208,6 +241,7 @@ def tree_vocabulary(leaves: Iterable[tuple[str, bool]]) -> Vocabulary:
         working,
         [name for name, takes_time in found if not takes_time],
         (),
+        parts,
         True,
     )
 
@@ -222,6 +256,10 @@ def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
     only = 'a tree' if isinstance(one, While) else 'a machine' if isinstance(one, After | Written) else ''
     if only and only != ('a tree' if known.is_tree else 'a machine'):
         yield f'this can be required of {only} only'
+        return
+    if isinstance(one, IsA | Has):
+        if one.name not in known.parts:
+            yield f"{what} has nothing called '{one.name}'{hint(one.name, known.parts)}"
         return
     if isinstance(one, Apart | While):
         names = [one.one, one.other] if isinstance(one, Apart) else [one.works]

@@ -3,14 +3,18 @@
 
 Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by it), and
 ``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
-``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``.
+``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``. The name of a leaf
+that has none is its type, and means each such leaf of the type.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+from flexbt_core.values import shown
 
 from .properties import Property, Violation
 
@@ -126,7 +130,41 @@ class Possible:
         return f'{self.event} is always still possible'
 
 
-Requirement = Never | AtMost | Before | After | Within | Apart | While | Written | Possible
+@dataclass(frozen=True)
+class IsA:
+    """The node, or state, of this ``name`` is of this ``type``."""
+
+    name: str
+    type: str
+
+    def __str__(self) -> str:
+        return f'{self.name} is a {self.type}'
+
+
+@dataclass(frozen=True)
+class Has:
+    """The node, or state, of this ``name`` is given these ``values``: pairs of a port, and a text or ``{key}``, by the
+    name of the key where the tree begins, or in the machine of the state."""
+
+    name: str
+    values: tuple[tuple[str, str], ...]
+
+    def __str__(self) -> str:
+        return f'{self.name} has {" and ".join(f"{port}={text}" for port, text in self.values)}'
+
+
+Requirement = Never | AtMost | Before | After | Within | Apart | While | Written | Possible | IsA | Has
+
+
+class Part(NamedTuple):
+    """What something is, of which a tree or machine is made: its type, and what its ports are given."""
+
+    type: str
+    values: Mapping[str, str]
+
+
+Parts = Mapping[str, Sequence[Part]]
+"""Those of one, by their names."""
 
 _ROUNDING = 1e-6
 """Of points in time, s."""
@@ -169,6 +207,18 @@ class Requirements:
     def possible(self) -> list[Possible]:
         """What is to stay possible."""
         return [one for one in self.requirements if isinstance(one, Possible)]
+
+    @property
+    def are_about_parts(self) -> bool:
+        """Whether something is required of what there is, rather than of what happens: :meth:`look`."""
+        return any(isinstance(one, IsA | Has) for one in self.requirements)
+
+    def look(self, parts: Parts) -> None:
+        """These are the parts of what runs."""
+        for one in self.requirements:
+            if isinstance(one, IsA | Has):
+                for text in dict.fromkeys(what for part in parts.get(one.name, ()) for what in _otherwise(one, part)):
+                    self._tell(one, one.name, text)
 
     @property
     def names(self) -> frozenset[str]:
@@ -296,6 +346,20 @@ def _events(one: Requirement) -> set[str]:
     if isinstance(one, Before):
         return {one.event, one.needs}
     return {one.event, one.then} if isinstance(one, Within) else set()
+
+
+def _otherwise(one: IsA | Has, part: Part) -> Iterator[str]:
+    """What a part is that it should not be."""
+    if isinstance(one, IsA):
+        if part.type != one.type:
+            yield f'{one.name} is a {part.type}'
+        return
+    for port, text in one.values:
+        given = part.values.get(port)
+        if given is None:
+            yield f'{one.name} is given no {port}'
+        elif ' '.join(given.split()) != text:
+            yield f'{one.name} has {port}={shown(given)}'
 
 
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:

@@ -7,9 +7,11 @@ and ``on_halted``. All other nodes are as they were, so a tick costs more only b
 
 from __future__ import annotations
 
+import re
 import types
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
@@ -26,9 +28,10 @@ from flexbt_core.behavior_tree.model import FAILURE, IDLE, RUNNING, SUCCESS
 
 from .properties import Property, Violation, shared_actuators
 from .requirement_text import Vocabulary, tree_vocabulary
-from .requirements import Requirement, Requirements
+from .requirements import Part, Parts, Requirement, Requirements
 
 _ABSENT: Final = object()
+_NUMBER: Final = re.compile(r'::\d+(?=/|$)')
 
 
 class TreeMonitor:
@@ -75,7 +78,7 @@ class TreeMonitor:
             return definition
         if issubclass(manifest.node_class, StatefulAction):
             made = _watched_action(manifest.node_class)
-        elif path in self._named:
+        elif not self._named.isdisjoint(_names(path)):
             made = _watched_leaf(manifest.node_class)
         else:
             return definition
@@ -100,7 +103,24 @@ class TreeMonitor:
     def vocabulary(self) -> Vocabulary:
         """What requirements of this tree can be about."""
         leaves = [node for node in self._tree.nodes if isinstance(node, LeafNode)]
-        return tree_vocabulary((leaf.path, isinstance(leaf, StatefulAction)) for leaf in leaves)
+        names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in _names(leaf.path))
+        return tree_vocabulary(names, self._parts())
+
+    def _parts(self) -> Parts:
+        found: dict[str, list[Part]] = {}
+        for node, definition in zip(self._tree.nodes, self._tree.definitions, strict=True):
+            values = {
+                port: str(value.text) if value.key is None else f'{{{node.blackboard.outermost(value.key)}}}'
+                for port, value in definition.values.items()
+            }
+            for name in _names(node.path):
+                found.setdefault(name, []).append(Part(definition.tree_id or node.id, values))
+        return found
+
+    def look(self) -> None:
+        """Look at what the tree is made of, before its first tick: whether that is what is required."""
+        if self.requirements.are_about_parts:
+            self.requirements.look(self._parts())
 
     def ticked(self, status: NodeStatus) -> None:
         """A tick is over, and this is what it gave."""
@@ -144,7 +164,7 @@ class TreeMonitor:
         """``on_start`` of a leaf is called next."""
         self._starting = leaf
         if self._has_requirements:
-            self.requirements.event(leaf.path)
+            self._event(leaf)
 
     def began(self, leaf: LeafNode, status: NodeStatus) -> None:
         """``on_start`` of a leaf has given a status."""
@@ -177,7 +197,7 @@ class TreeMonitor:
         before = context.works if leaf in self._acting else ()
         self._open.pop(leaf, None)
         if self._has_requirements:
-            self.requirements.event(f'{leaf.path} > halted')
+            self._event(leaf, ' > halted')
         try:
             halt()
         finally:
@@ -194,10 +214,10 @@ class TreeMonitor:
 
     def done(self, leaf: TreeNode, status: NodeStatus) -> None:
         """A leaf was done within a tick."""
-        self.requirements.event(leaf.path)
+        self._event(leaf)
         self._tell_result(leaf, status)
         if status is SUCCESS:
-            self._holding.add(leaf.path)
+            self._holding.update(_names(leaf.path))
 
     # -- what is looked at when a tick is over -----------------------------------------------------------------------
 
@@ -210,7 +230,11 @@ class TreeMonitor:
 
     def _tell_result(self, leaf: TreeNode, status: NodeStatus) -> None:
         if self._has_requirements and (status is SUCCESS or status is FAILURE):
-            self.requirements.event(f'{leaf.path} > {status.name}')
+            self._event(leaf, f' > {status.name}')
+
+    def _event(self, leaf: TreeNode, what: str = '') -> None:
+        for name in _names(leaf.path):
+            self.requirements.event(name + what)
 
     def _check_owners(self) -> None:
         works = self._tree.context.works
@@ -222,7 +246,7 @@ class TreeMonitor:
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self.requirements
-        working = [leaf.path for leaf in self._open]
+        working = [name for leaf in self._open for name in _names(leaf.path)]
         requirements.works(working)
         requirements.unguarded(working, self._holding)
         requirements.rests(self._tree.context.paused)
@@ -240,6 +264,12 @@ class TreeMonitor:
             if is_last and isinstance(node, ControlNode):
                 text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
+
+
+@lru_cache(4096)
+def _names(path: str) -> tuple[str, ...]:
+    """What a node is called in requirements: its path; and that without the numbers of nodes that have no name."""
+    return tuple(dict.fromkeys((path, _NUMBER.sub('', path))))
 
 
 @kept_by_class

@@ -9,6 +9,8 @@ import pytest
 
 from flexbt_core.exploration import (
     Bounds,
+    Choices,
+    Label,
     Limits,
     MachineSystem,
     Operator,
@@ -196,6 +198,20 @@ def test_what_the_mission_requires_is_proved_or_shown_not_to_hold(text: str, kin
         assert text in found.violation.text
         if found.violation.property.is_shown_by_a_way:
             assert found.violation in replay(system, found.moves)
+
+
+def test_what_a_mission_is_made_of_is_looked_at_as_it_begins() -> None:
+    right = ['/Plan is a Work', '/Plan has path={path}', '/Plan > failed has autonomy=Full']
+    wrong = ['/Plan is a Decide', '/Plan has path={plan}', '/Plan > done has autonomy=Full']
+    required = [parse_requirement(text, 'test').requirement for text in [*right, *wrong]]
+    system = MachineSystem(define(mission()), models, requirements=required)
+    found = [one.text.partition('; required is: ') for one in system.step(Label('start'), Choices(()))]
+    assert [is_required for _, _, is_required in found] == wrong
+    assert [text for text, _, _ in found] == [
+        '/Plan is a Work',
+        "/Plan has path='{path}'",
+        '/Plan > done is given no autonomy',
+    ]
 
 
 def test_what_is_lost_on_the_way_is_shown_where_it_is() -> None:

@@ -347,6 +347,7 @@ GO = '<Go name="go" goal="x"/>'
 ATTEMPTS = (
     f'<Fallback><RetryUntilSuccessful num_attempts="{{}}">{GO}</RetryUntilSuccessful><Ask name="ask"/></Fallback>'
 )
+TWO = '<Sequence><Go goal="{{{}}}"/><Drive name="drive" path="{{{}}}"/></Sequence>'
 RATE = f'<PipelineSequence><RateController hz="{{}}">{GO}</RateController><Drive/></PipelineSequence>'
 
 
@@ -361,12 +362,19 @@ RATE = f'<PipelineSequence><RateController hz="{{}}">{GO}</RateController><Drive
             'it ends, and go has not come after go > FAILURE',
         ),
         (RATE.format(2), RATE.format(10), 'go at most 1 time in 500 ms', 'go happens more than once in 0.5 s'),
+        (TWO.format('a', 'b'), TWO.format('a', 'a'), 'drive has path={b}', "drive has path='{a}'; required is"),
+        (GO, '<Serve name="go" goal="x"/>', 'go is a Go', 'go is a Serve; required is: go is a Go'),
+        (GO, '<Go name="go" goal="y"/>', 'go has goal=x', "go has goal='y'; required is: go has goal=x"),
+        (
+            '<Sequence><Ask/><Go goal="x"/></Sequence>',
+            '<Sequence><Go goal="x"/><Ask/></Sequence>',
+            'Go only after Ask > SUCCESS',
+            'Go comes without Ask > SUCCESS',
+        ),
     ],
-    ids=['attempts before', 'attempts', 'rate'],
+    ids=['attempts before', 'attempts', 'rate', 'key', 'type', 'text', 'without names'],
 )
-def test_fewer_attempts_or_more_often_than_is_required_is_found(
-    right: str, wrong: str, required: str, why: str
-) -> None:
+def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required: str, why: str) -> None:
     limits = Limits(seconds=600)
     report = explore(lambda: system(right, required), 'Main', limits=limits)
     assert report.is_proof, report.counterexamples

@@ -10,6 +10,8 @@ from flexbt_core.monitors import (
     Apart,
     AtMost,
     Before,
+    Has,
+    IsA,
     Never,
     Possible,
     Requirement,
@@ -41,6 +43,11 @@ TEXTS: dict[str, Requirement] = {
     'Drive to dock works only while Is clear holds': While('Drive to dock', 'Is clear'),
     '=ended only with x and y written': Written('=ended', ('x', 'y')),
     '=ended is always still possible': Possible('=ended'),
+    'dock is a Dock': IsA('dock', 'Dock'),
+    'Drive to dock has path={path} and server_name=a and b': Has(
+        'Drive to dock', (('path', '{path}'), ('server_name', 'a and b'))
+    ),
+    '/A > done has autonomy=High': Has('/A > done', (('autonomy', 'High'),)),
 }
 
 
@@ -92,6 +99,9 @@ def test_all_that_is_wrong_in_a_file_is_told_with_its_line() -> None:
         ('/A never while /C', "Test has no state '/C'"),
         ('after /A > done, =gone before the end', "Test has no event '=gone'"),
         ('never /A > failed', ''),
+        ('/Aa is an Scripted', "Test has nothing called '/Aa'; did you mean '/A'?"),
+        ('/B > failed has autonomy=Low', "Test has nothing called '/B > failed'"),
+        ('/A is a Scripted', ''),
     ],
 )
 def test_what_is_not_there_is_told(text: str, why: str) -> None:

@@ -17,8 +17,10 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
     UnfinishedWork,
     builtin_registry,
+    input_port,
     load_xml,
 )
+from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
 from flexbt_core.monitors import (
     AtMost,
@@ -31,6 +33,7 @@ from flexbt_core.monitors import (
     Violation,
     While,
     Within,
+    parse_requirement,
 )
 from flexbt_core.skills import Skill
 from flexbt_testing.behavior_trees import scripted_nodes
@@ -290,3 +293,25 @@ def test_attempts_of_a_run_that_is_resumed_are_not_owed_again() -> None:
     watched.event('one > FAILURE')
     watched.ended()
     assert not found
+
+
+def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_call_them() -> None:
+    go = '<BehaviorTree ID="Go"><Work name="drive" to="{target}"/></BehaviorTree>'
+    trees = '<SubTree ID="Go" name="there" target="{goal}"/><SubTree ID="Go" name="home" target="{base}"/>'
+    registry = builtin_registry()
+    registry.register('Work', type('Work', (Work,), {'ports': {'to': input_port(STRING)}}))
+    main = f'<BehaviorTree ID="Main"><Sequence>{trees}</Sequence></BehaviorTree>'
+    library = TreeLibrary([load_xml(f'<root BTCPP_format="4">{main}{go}</root>', 'main.xml', registry)])
+    wrong = ['home/drive has to={target}', 'there is a Come', 'there has target={base}']
+    required = [
+        'there/drive has to={goal}',
+        'home/drive has to={base}',
+        'home is a Go',
+        'Sequence is a Sequence',
+        *wrong,
+    ]
+    found: list[Violation] = []
+    monitor = TreeMonitor(found.append, [parse_requirement(text, 'test').requirement for text in required])
+    monitor.begins(Tree(library, 'Main', clock=ManualClock(), substitute=monitor.watched))
+    monitor.look()
+    assert [one.text.partition('; required is: ')[2] for one in found] == wrong
