@@ -107,7 +107,6 @@ class Robot(Body):
         self.in_contact = False
         self._wanted = (0.0, 0.0)
         self._until = -math.inf
-        self.commanded_at: float | None = None
         self._error = Pose(0.0, 0.0, 0.0)
         self._correction: Pose | None = None
 
@@ -124,7 +123,6 @@ class Robot(Body):
         if model.turning_radius:
             greatest = min(greatest, abs(linear) / model.turning_radius)
         self._wanted = (linear, max(-greatest, min(greatest, angular)))
-        self.commanded_at = now
         self._until = now + model.watchdog
 
     @property

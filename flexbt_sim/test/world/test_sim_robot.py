@@ -153,7 +153,7 @@ def test_it_stands_still_before_the_first_command_and_after_it_was_placed() -> N
     assert robot.linear > 0.0
     there = Pose(3.0, 0.02, 1.0)
     world.move('robot', there)
-    assert (robot.linear, robot.angular, robot.commanded_at) == (0.0, 0.0, None)
+    assert not robot.is_driven(world.time)
     world.step(0.1)
     assert robot.pose == there
 

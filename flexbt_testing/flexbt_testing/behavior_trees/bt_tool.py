@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool`` as tests call it: in this process, with what it prints."""
+"""``bt_tool``, and other commands, as tests call them: in this process, with what they print."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,8 +25,8 @@ class Done(NamedTuple):
     err: str
 
 
-def tool(*words: str) -> Done:
-    """Runs a command; the standard streams are caught."""
+def called(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> Done:
+    """Runs the main function of a command; the standard streams are caught."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -34,6 +35,11 @@ def tool(*words: str) -> Done:
             assert isinstance(exit.code, int)
             code = exit.code
     return Done(code, out.getvalue(), err.getvalue())
+
+
+def tool(*words: str) -> Done:
+    """Runs ``bt_tool``."""
+    return called(main, words)
 
 
 def document(*trees: str, main: str | None = 'Main') -> str:

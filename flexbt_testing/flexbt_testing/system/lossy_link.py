@@ -68,7 +68,6 @@ class LossyLink:
         self._numbers = itertools.count()
         self._free = [0.0, 0.0]
         self._sent: tuple[Counter[int], Counter[int]] = (Counter(), Counter())
-        self._packets = [0, 0]
         self._lock = threading.Lock()
         self._end = os.eventfd(0)
         self._thread = threading.Thread(target=self._carry, name='lossy_link', daemon=True)
@@ -93,11 +92,6 @@ class LossyLink:
         with self._lock:
             return self._sent[0].copy(), self._sent[1].copy()
 
-    def packets(self) -> tuple[int, int]:
-        """Packets that each end has sent while the link was not cut."""
-        with self._lock:
-            return self._packets[0], self._packets[1]
-
     def _carry(self) -> None:
         while True:
             now = time.monotonic()
@@ -119,7 +113,6 @@ class LossyLink:
             return
         with self._lock:
             self._sent[end][_port(packet)] += len(packet)
-            self._packets[end] += 1
         leaves = time.monotonic()
         if weather.rate is not None:
             self._free[end] = leaves = max(self._free[end], leaves) + len(packet) / weather.rate

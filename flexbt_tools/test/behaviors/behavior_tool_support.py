@@ -3,36 +3,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
-from typing import NamedTuple
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.state_machine import EventState, OperatableStateMachine, define
 from flexbt_server.node_types import node_registry
+from flexbt_testing.behavior_trees.bt_tool import Done, called
 from flexbt_tools.behaviors import BuiltBehavior, check_behavior
 from flexbt_tools.cli.behavior_tool import main
 
 
-class Done(NamedTuple):
-    """What a command has left."""
-
-    code: int
-    out: str
-    err: str
-
-
 def tool(*words: str) -> Done:
-    """Runs a command; the standard streams are caught."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code = main(words)
-        except SystemExit as exit:  # of argparse
-            assert isinstance(exit.code, int)
-            code = exit.code
-    return Done(code, out.getvalue(), err.getvalue())
+    """Runs ``behavior_tool``."""
+    return called(main, words)
 
 
 class Leaf(EventState):

@@ -63,7 +63,7 @@ class SearchResult:
     """What was found.
 
     ``steps``: of the conditions that were looked into, what to do there. ``start``: the condition of the best plan that
-    holds at the start, None without one. ``bound``: no plan is cheaper. ``expanded``, ``generated``: conditions.
+    holds at the start, None without one. ``bound``: no plan is cheaper. ``expanded``: conditions.
     """
 
     outcome: Outcome
@@ -71,7 +71,6 @@ class SearchResult:
     steps: dict[int, Step] = field(repr=False)
     start: int | None = None
     expanded: int = 0
-    generated: int = 0
     seconds: float = 0.0
 
     @property
@@ -180,7 +179,6 @@ class _Search:
                 known = steps.get(before)
                 if before & self._unreachable or (known is not None and known.cost <= step.cost):
                     continue
-                result.generated += 1
                 steps[before] = step
                 if not before & ~initial:
                     best = min(best, (step.cost, before))
