@@ -12,6 +12,7 @@ from flexbt_core.behavior_tree.model import (
     BlackboardError,
     LoadError,
     NodeDefinition,
+    PortDirection,
     PortError,
     PortValue,
     ScriptError,
@@ -205,8 +206,11 @@ class _Builder:
                 self._errors.append(scope.tree.error(definition, f'port [{name}]: {error}', name))
                 continue
             known = entry.type
-            # An entry of text can be read as anything that can be written as text.
-            if is_fixed(known) and is_fixed(port.type) and known is not STRING and not known.same(port.type):
+            if not is_fixed(known) or not is_fixed(port.type):
+                continue
+            # What is written to an entry of text is converted when it is read.
+            writable = known is STRING or known.same(port.type)
+            if not (port.type.may_read(known) if port.direction is PortDirection.INPUT else writable):
                 message = (
                     f'port [{name}] uses the blackboard entry [{value.key}] with the type {port.type.name}, '
                     f'but it has the type {known.name} already; use another key, or another blackboard'

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeGuard
 
-from flexbt_core.values import shown
+from flexbt_core.values import load_json, shown
 
 from .errors import ConversionError
 from .status import NodeStatus
@@ -64,6 +64,14 @@ class PortType:
         if self is other or self.name == other.name:
             return True
         return self.category == other.category == 'object' and self.python_type is other.python_type
+
+    def may_read(self, entry: PortType) -> bool:
+        """Whether an input of this type can read some values of an ``entry``: the same type, text, or objects of a class
+        that derives from its own or the other way round, as in BehaviorTree.CPP since 4.9 (there: registered ones)."""
+        if entry is STRING or self.same(entry):
+            return True
+        ours, theirs = self.python_type, entry.python_type
+        return self.category == entry.category == 'object' and (issubclass(theirs, ours) or issubclass(ours, theirs))
 
     def __str__(self) -> str:
         return self.name
@@ -181,19 +189,38 @@ NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text
 
 
 def list_of(element: PortType) -> PortType:
-    """A list whose text form is its elements separated by ``;``. One empty piece at the end is dropped."""
-    convert = element.parse
+    """A list, whose text form is its elements :func:`between_semicolons`, or ``json:[...]``."""
     name = f'std::vector<{element.name}>'
     if element.from_text is None:
         return PortType(name, list)
 
     def from_text(text: str) -> list[Any]:
-        pieces = text.split(';')
-        if not pieces[-1]:
-            pieces.pop()
-        return [convert(piece) for piece in pieces]
+        if text.startswith('json:'):
+            return _elements_of_json(text.removeprefix('json:'), element)
+        return between_semicolons(text, element)
 
     return PortType(name, list, from_text=from_text)
+
+
+def between_semicolons(text: str, element: PortType) -> list[Any]:
+    """The elements that ``text`` has, separated by ``;``. One empty piece at the end is dropped."""
+    pieces = text.split(';')
+    if not pieces[-1]:
+        pieces.pop()
+    return [element.parse(piece) for piece in pieces]
+
+
+def _elements_of_json(text: str, element: PortType) -> list[Any]:
+    try:
+        values = load_json(text)
+    except RecursionError as error:
+        raise ConversionError(str(error)) from error
+    if not isinstance(values, list):
+        raise ConversionError(f'{shown(text)} is not a list of JSON')
+    for value in values:
+        if isinstance(value, str) is not (element.category in ('text', 'object')):
+            raise ConversionError(f'{shown(value)} is not of type {element.name}')
+    return [cast(value, element) for value in values]
 
 
 def type_of(value: object) -> PortType:

@@ -25,17 +25,17 @@ from flexbt_core.behavior_tree.model import (
     Example,
     NodeStatus,
     PortType,
+    between_semicolons,
     inout_port,
     input_port,
     is_fixed,
-    list_of,
     output_port,
 )
 
 
 def _queue_of(element: PortType) -> PortType:
-    texts = list_of(element)
-    return PortType(f'queue of {element.name}', tuple, from_text=lambda text: tuple(texts.parse(text)), immutable=True)
+    name = f'queue of {element.name}'
+    return PortType(name, tuple, from_text=lambda text: tuple(between_semicolons(text, element)), immutable=True)
 
 
 _END: Final = object()

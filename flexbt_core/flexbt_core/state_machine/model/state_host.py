@@ -27,6 +27,10 @@ class StateHost(Protocol):
         """Path of the state in its run, as in ``/Outer/Inner``."""
 
     @property
+    def outcome(self) -> str | None:
+        """The outcome by which the state is to be left, be it the state that wants it or the operator; None to stay."""
+
+    @property
     def clock(self) -> Clock:
         """The clock of the run, which stands still while the state is paused."""
 

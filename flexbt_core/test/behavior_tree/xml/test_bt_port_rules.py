@@ -37,7 +37,12 @@ def point(text: str) -> Point:
     return Point(float(x), float(y))
 
 
+class Place(Point):
+    """A point with a class of its own."""
+
+
 POINT = PortType('Point', Point, from_text=point)
+PLACE = PortType('Place', Place, from_text=lambda text: Place(*point(text)))
 SEEN: list[Any] = []
 
 
@@ -55,7 +60,7 @@ def echo(name: str, kind: PortType | None) -> type[Echo]:
     return type(name, (Echo,), {'ports': {'input': input_port(kind, optional=True), 'output': output_port(kind)}})
 
 
-KINDS = {'Int': INT, 'String': STRING, 'Real': DOUBLE, 'Point': POINT, 'Numbers': list_of(DOUBLE)}
+KINDS = {'Int': INT, 'String': STRING, 'Real': DOUBLE, 'Point': POINT, 'Place': PLACE, 'Numbers': list_of(DOUBLE)}
 
 
 @pytest.fixture
@@ -101,6 +106,12 @@ RUN: dict[str, tuple[str, str, Any]] = {
         sequence('<SetBlackboard value="1.0;2.0" output_key="v"/>', '<Point input="{v}" output="{r}"/>'),
         'r', Point(1.0, 2.0)),
     'text to a list': ('<Numbers input="1.0;2.0;3.0" output="{r}"/>', 'r', [1.0, 2.0, 3.0]),
+    'JSON to a list': ('<Numbers input="json:[1, 2.5]" output="{r}"/>', 'r', [1.0, 2.5]),
+    'a derived class to its base': (
+        sequence('<Place input="1;2" output="{v}"/>', '<Point input="{v}" output="{r}"/>'), 'r', Place(1.0, 2.0)),
+    'a base that holds a derived class': (sequence(
+        '<Place input="1;2" output="{p}"/>', '<Point input="{p}" output="{v}"/>', '<Place input="{v}" output="{r}"/>'),
+        'r', Place(1.0, 2.0)),
     'through a port without a type': (sequence(
         '<Int input="10" output="{v}"/>', '<Any input="{v}" output="{g}"/>', '<Int input="{v}" output="{r}"/>'),
         'r', 40),
@@ -147,6 +158,11 @@ CLASHES = {
     'integer and text': ('<Int input="42" output="{v}"/>', '<String input="{v}" output="{r}"/>'),
     'integer and real': ('<Int input="42" output="{v}"/>', '<Real input="{v}" output="{r}"/>'),
     'own type and integer': ('<Point input="1;2" output="{v}"/>', '<Int input="{v}" output="{r}"/>'),
+    'a derived class that is written to an entry of its base': ('<Point output="{v}"/>', '<Place output="{v}"/>'),
+    'a number without a quote in JSON': ('<Numbers input="json:[1, two]"/>',),
+    'text where numbers are expected in JSON': ('<Numbers input="json:[1, &quot;2&quot;]"/>',),
+    'JSON that is no list': ('<Numbers input="json:{}"/>',),
+    'JSON that is nested without end': (f'<Numbers input="json:{"[" * 9999}"/>',),
     'a bad number': ('<Int input="not_a_number" output="{r}"/>',),
     'a bad literal of a type of ones own': ('<Point input="1.5" output="{r}"/>',),
 }
