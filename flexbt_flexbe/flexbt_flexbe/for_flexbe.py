@@ -68,7 +68,7 @@ class _HostedState:
         self._shell = shell
         self._logger = logger
         self._services: StateServices | None = None
-        self._outcome: str | None = None
+        self.outcome: str | None = None
         self._userdata: Any = None  # while the state is active
         self._wake_event = threading.Event()
 
@@ -82,7 +82,7 @@ class _HostedState:
 
     def enter(self, userdata: Any) -> None:
         """The state becomes active."""
-        self._outcome = None
+        self.outcome = None
         self._userdata = userdata
         self.state.exit_reason = None
         self._guarded('on_enter', self.state.on_enter)
@@ -90,9 +90,9 @@ class _HostedState:
     def execute(self, userdata: Any) -> str | None:
         """The outcome; once there is one it stays, however often FlexBE asks while the operator makes up their mind."""
         self._userdata = userdata
-        if self._outcome is None:
-            self._outcome = self._guarded('execute', self.state.execute)
-        return self._outcome
+        if self.outcome is None:
+            self.outcome = self._guarded('execute', self.state.execute)
+        return self.outcome
 
     def leave(self, reason: ExitReason) -> None:
         """The state is left, once for each time it was entered."""
@@ -123,7 +123,7 @@ class _HostedState:
             self.log(Severity.ERROR, f'{what} raised {type(error).__name__}: {error}')
             if _FAILED not in self.state.outcomes:
                 raise
-            outcome = self._outcome = _FAILED
+            outcome = self.outcome = _FAILED
         return outcome
 
     # -- what the state asks -----------------------------------------------------------------------------------------
@@ -155,7 +155,7 @@ class _HostedState:
         """FlexBE lets the operator choose any outcome at any time; the prompt is told, the suggestion wanted."""
         if prompt:
             self.log(Severity.HINT, prompt)
-        self._outcome = suggestion
+        self.outcome = suggestion
 
     def log(self, severity: Severity, text: str) -> None:
         """Tell FlexBE's operator something."""

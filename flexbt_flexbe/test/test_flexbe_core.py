@@ -432,3 +432,18 @@ def test_a_state_finds_what_flexbe_gives_to_each(bench: StateBench) -> None:
         True,
         ('my own', 'ProxySubscriberCached', True),
     ]
+
+
+def test_a_state_finds_the_outcome_that_the_operator_forced(bench: StateBench) -> None:
+    seen: list[str | None] = []
+
+    class Leaving(Traced):
+        def on_exit(self, userdata: Any) -> None:
+            seen.append(self._manual_transition_requested)
+
+    going = bench.run(lambda: machine_of(('subject', lambda: Leaving([], stay), {})))
+    wait_until(going.active, 'active')
+    going.behavior_run.force('/subject', 'error', '', lambda _: None)
+    assert going.wait() == 'failed'
+    assert bench.run(lambda: machine_of(('subject', lambda: Leaving([], done), {}))).wait() == 'finished'
+    assert seen == ['error', None]

@@ -332,10 +332,10 @@ def test_what_is_no_goal_pose_is_refused(bench: StateBench, goal: Any, words: st
     assert server.goals == []
 
 
-def test_the_requested_value_comes_under_the_key_data(bench: StateBench) -> None:
-    bench.serve(
-        BtExecute, 'bt_executor', ends(RESULT(code=RESULT.SUCCESS, outputs=[to_entry('path', Path(poses=[pose(3.0)]))]))
-    )
+@pytest.mark.parametrize(('code', 'outcome'), [('SUCCESS', 'done'), ('FAILURE', 'failed'), ('CANCELED', 'canceled')])
+def test_the_requested_value_comes_under_the_key_data(bench: StateBench, code: str, outcome: str) -> None:
+    result = RESULT(code=getattr(RESULT, code), outputs=[to_entry('path', Path(poses=[pose(3.0)]))])
+    bench.serve(BtExecute, 'bt_executor', ends(result))
     read: dict[str, Any] = {}
     run = bench.run_state(
         lambda: BtExecuteGoalState(request_id='path', request_msg_pkg='nav_msgs', request_msg_type='Path'),
@@ -343,7 +343,7 @@ def test_the_requested_value_comes_under_the_key_data(bench: StateBench) -> None
         outputs=['data'],
         read=read,
     )
-    run.wait()
+    assert run.wait() == outcome
     assert read['data'].poses == [pose(3.0)]
 
 

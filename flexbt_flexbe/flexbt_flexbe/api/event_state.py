@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from flexbt_core import state_machine
-from flexbt_core.state_machine import StateError
+from flexbt_core.state_machine import ExitReason, StateError
 from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached
 from flexbt_onboard.behaviors import current_run
 
@@ -46,6 +46,9 @@ class EventState(RosAccess, state_machine.EventState):
     _output_keys = _Provided(lambda state: list(state.output_keys))
     _pub = _Provided(lambda state: ProxyPublisher())
     _sub = _Provided(lambda state: ProxySubscriberCached())
+    _manual_transition_requested = _Provided(
+        lambda state: state._bound().outcome if state.exit_reason is ExitReason.FORCED else None
+    )
 
     def set_rate(self, desired_rate: float) -> None:
         """How often the state is executed while nothing wakes it, Hz.

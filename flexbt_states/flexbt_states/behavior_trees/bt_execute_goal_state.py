@@ -29,11 +29,11 @@ class BtExecuteGoalState(TreeState):
     -- bt_file          string  Tree identifier, or package/relative/path.xml; empty for the server's default tree
     -- goal_id          string  Blackboard key of the goal
     -- goal_msg_type    string  Type of the goal; for poses, a list of them is accepted as well
-    -- request_id       string  Blackboard key to read after success; empty for none
+    -- request_id       string  Blackboard key to read at the end; empty for none
     -- request_msg_pkg  string  Package of request_msg_type when that is a bare message name
     -- request_msg_type string  Type of the requested value
     -- inputs           dict    Further blackboard keys to write before the first tick, with their types
-    -- outputs          dict    Further blackboard keys to read after success, with their types
+    -- outputs          dict    Further blackboard keys to read at the end, with their types
     -- blackboard       string  Name of the blackboard to run on; empty for the shared one
     -- timeout          float   Seconds on the node's clock after which the tree is canceled; None for no limit
 

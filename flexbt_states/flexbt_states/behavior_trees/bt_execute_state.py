@@ -19,7 +19,7 @@ class BtExecuteState(TreeState):
     -- bt_topic     string      Name of the action of the BT server
     -- bt_file      string      Tree identifier, or package/relative/path.xml; empty for the server's default tree
     -- inputs       dict        Blackboard keys to write before the first tick, with their types
-    -- outputs      dict        Blackboard keys to read after success, with their types
+    -- outputs      dict        Blackboard keys to read at the end, with their types
     -- blackboard   string      Name of the blackboard to run on; empty for the shared one
     -- timeout      float       Seconds on the node's clock after which the tree is canceled; None for no limit
 

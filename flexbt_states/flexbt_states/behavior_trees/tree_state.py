@@ -135,18 +135,22 @@ class TreeState(GoalState):
                 reason += f' (node {result.failed_node})'
                 reason += ''.join(f'; so {step}' for step in result.reasons[1:])
             self.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
-            return answer
-        assert result is not None
-        try:
-            if result.missing_outputs:
-                raise FlexbtError(f'the tree did not write {", ".join(map(repr, result.missing_outputs))}')
-            values = read_values(result.outputs, self.bt_use.reads)
-        except FlexbtError as error:
-            self.log_error(f'{what} succeeded, but its outputs are not as declared: {error}')
+        reads = self.bt_use.reads
+        sent = result.outputs if result is not None else ()
+        if answer != 'done':  # what follows may look at what the tree has found out until then
+            there = {entry.key for entry in sent}
+            reads = {key: type for key, type in reads.items() if key in there}
+        elif result is not None and result.missing_outputs:
+            self.log_error(f'{what} succeeded, but it did not write {", ".join(map(repr, result.missing_outputs))}')
             return 'failed'
+        try:
+            values = read_values(sent, reads)
+        except FlexbtError as error:
+            self.log_error(f'{what} ended, but its outputs are not as declared: {error}')
+            return 'failed' if answer == 'done' else answer
         for key, value in values.items():
             userdata[self._userdata_keys[key]] = value
-        return 'done'
+        return answer
 
     def halting(self) -> str | None:
         halting = super().halting()

@@ -125,7 +125,8 @@ class StateBench:
         read: dict[str, Any] | None = None,
         autonomy: int = 3,
     ) -> Run:
-        """Run one state; each outcome of it is an outcome of the run. Output keys are copied to ``read``."""
+        """Run one state; each outcome of it is an outcome of the run. Output keys are copied to ``read``; when
+        it did not succeed, those that ``userdata`` has."""
 
         def machine() -> OperatableStateMachine:
             state = make()
@@ -139,7 +140,8 @@ class StateBench:
                 taken = {name: f'Read_{name}' for name in state.outcomes}
                 OperatableStateMachine.add('State', state, taken)
                 for name, label in taken.items():
-                    keys = list(outputs) if name in ('done', 'received') else []
+                    is_written = name in ('done', 'received')
+                    keys = [key for key in outputs if is_written or key in (userdata or {})]
                     OperatableStateMachine.add(label, _Reader(keys, {} if read is None else read), {'read': name})
             return root
 

@@ -66,8 +66,11 @@ class PortType:
         return self.category == other.category == 'object' and self.python_type is other.python_type
 
     def may_read(self, entry: PortType) -> bool:
-        """Whether an input of this type can read some values of an ``entry``: the same type, text, or objects of a class
-        that derives from its own or the other way round, as in BehaviorTree.CPP since 4.9 (there: registered ones)."""
+        """Whether an input of this type can read some values of an ``entry``.
+
+        That is one of the same type, of text, or of objects of a class that derives from its own or the other way
+        round, as in BehaviorTree.CPP since 4.9 (there the classes have to be registered).
+        """
         if entry is STRING or self.same(entry):
             return True
         ours, theirs = self.python_type, entry.python_type
