@@ -161,21 +161,23 @@ class _HeldToken:
         runtime.on_close(lambda: self._publish(has_ended=True))
 
     def add_name(self, name: str) -> None:
+        made = self._publishers.get(name)
+        if made is None:  # made without the lock: the clock's thread takes it, and with that all deadlines would wait
+            made = self._node.create_publisher(
+                DiagnosticStatus,
+                alive_topic(name),
+                _qos(),
+                event_callbacks=PublisherEventCallbacks(matched=self._watcher_found),
+            )
         with self._lock:
-            if name not in self._publishers:
-                self._publishers[name] = self._node.create_publisher(
-                    DiagnosticStatus,
-                    alive_topic(name),
-                    _qos(),
-                    event_callbacks=PublisherEventCallbacks(matched=self._watcher_found),
-                )
+            self._publishers[name] = made
             self._publish()  # also for those who have not missed the process whose place this one takes
 
     def remove_name(self, name: str) -> None:
         with self._lock:
             publisher = self._publishers.pop(name)
             publisher.publish(self._status(name, has_ended=True))
-            self._node.destroy_publisher(publisher)
+        self._node.destroy_publisher(publisher)
 
     def set_ready(self, is_ready: bool, part: str) -> None:
         with self._lock:

@@ -271,10 +271,12 @@ class NodeRuntime:
         ``problem`` says why. From any thread.
         """
         self.has_failed = True
-        self.health.fail(problem)
-        self.node.get_logger().fatal(f'the node cannot go on: {problem}')
-        for fn in list(self._on_failure):
-            fn()
+        try:
+            self.health.fail(problem)
+            self.node.get_logger().fatal(f'the node cannot go on: {problem}')
+        finally:  # whatever comes of that, when memory is short for example
+            for fn in list(self._on_failure):
+                fn()
 
     def close(self) -> None:
         """End everything in the documented order. May be called twice, not from the executor thread."""

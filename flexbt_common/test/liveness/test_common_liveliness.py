@@ -86,6 +86,22 @@ def latest(killed: float) -> float:
     return max(killed + LEASE_SECONDS, STARTED + START_SECONDS) + 1.5
 
 
+def test_the_clock_goes_on_while_a_token_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    with NodeRuntime.open('living') as runtime:
+        token, late, was_told = LivelinessToken(runtime), threading.Event(), []
+        # After the token, on the clock's thread.
+        runtime.health.on_late(lambda problem: late.set() if problem else None)
+        create = runtime.node.create_publisher
+
+        def slow(*args: Any, **options: Any) -> Any:
+            was_told.append(late.wait(DEADLINE / 6.0))
+            return create(*args, **options)
+
+        monkeypatch.setattr(runtime.node, 'create_publisher', slow)
+        token.add_name('/robot2/living')
+        assert was_told == [True]
+
+
 @pytest.mark.parametrize('name', ['living', '/robot1/living'])
 def test_death_and_return_are_noticed(name: str) -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:

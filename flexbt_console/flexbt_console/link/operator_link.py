@@ -234,7 +234,7 @@ class OperatorLink:
 
         if self._operator is None:
             raise RefusedError('an observer has nothing made; leave --observer out')
-        with self._changed:
+        with self._opening:
             if self._synthesis is None:
                 self._synthesis = SynthesisQuery(self._runtime, self._namespace, self._operator)
             return self._synthesis

@@ -21,6 +21,7 @@ from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
+from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror, SynthesisRequest
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
@@ -85,6 +86,23 @@ def test_who_asks_for_the_surroundings_holds_nothing_up_and_listens_no_longer_th
         with pytest.raises(NoAnswerError, match='too busy'):
             link.surroundings(lambda view: True, DEADLINE)
         asked.clear()
+
+
+def test_who_has_something_made_for_the_first_time_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    with NodeRuntime.open('console', namespace='/alone') as runtime:
+        mirror = Mirror(runtime.steady)
+        link = OperatorLink(runtime, mirror, 'ann', '/alone')
+
+        class Query(SynthesisQuery):
+            def __init__(self, *args: Any) -> None:
+                runtime.call(lambda: mirror.receive_plan(()), DEADLINE / 6.0)  # the executor tells of a change
+                super().__init__(*args)
+
+            def cancel(self, timeout: float) -> int:
+                return 7
+
+        monkeypatch.setattr('flexbt_console.link.synthesis_query.SynthesisQuery', Query)
+        assert link.cancel_synthesis(DEADLINE) == 7
 
 
 @pytest.mark.filterwarnings('ignore:failed to send response')  # to the console, which has ended

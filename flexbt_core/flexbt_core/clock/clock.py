@@ -143,6 +143,6 @@ class SteadyClock:
             _, callback = due
             try:
                 callback()
-            except Exception:
-                # One faulty callback must not take everybody else's timers away.
+            except BaseException:
+                # One faulty callback must not take everybody else's timers away; nor one that wants to exit.
                 _logger.exception('a callback of the steady clock raised')

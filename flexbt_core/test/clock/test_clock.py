@@ -148,13 +148,16 @@ def test_steady_clock_earlier_timer_interrupts_the_wait_for_a_later_one() -> Non
         clock.close()
 
 
-def test_steady_clock_survives_a_callback_that_raises(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize('kind', [RuntimeError, MemoryError, SystemExit])
+def test_steady_clock_survives_a_callback_that_raises(
+    caplog: pytest.LogCaptureFixture, kind: type[BaseException]
+) -> None:
     clock = SteadyClock()
     try:
         done = threading.Event()
 
         def faulty() -> None:
-            raise RuntimeError('deliberate')
+            raise kind('deliberate')
 
         with caplog.at_level(logging.ERROR):
             clock.call_at(clock.now(), faulty)

@@ -127,15 +127,16 @@ class EventLog:
         first = events[0]
         lines = [{'time': first['time'], 'stamp': first['stamp'], 'event': 'lost', 'number': lost}] if lost else []
         lines += events
-        text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
         try:
+            text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
             # A line that a full disk has cut off ends here.
             self._append(('\n' if self._has_problem else '') + text)
-        except OSError as error:
+        except Exception as error:  # not of the disk alone: a value may not let itself be written
             self._lose(lost + len(events))
             if not self._has_problem:
                 self._has_problem = True
-                self._on_problem(f'the event log {self._file} cannot be written: {error}; going on without it')
+                kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
+                self._on_problem(f'the event log {self._file} cannot be written: {kind}{error}; going on without it')
             return
         if self._has_problem:
             self._has_problem = False

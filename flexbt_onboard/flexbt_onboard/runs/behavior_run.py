@@ -319,6 +319,9 @@ class BehaviorRun:
         with self._watch, RunContext(lambda: self._services, self.log).entered():
             try:
                 self._build_and_drive()
+            except BaseException as error:  # a fault of ours: a run that nobody drives must not be shown as one
+                self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+                self._end(ERROR, f'fault in the executive: {error!r}')
             finally:
                 self._services.goals.stop()  # nobody is left to wait for their results
 
@@ -326,6 +329,7 @@ class BehaviorRun:
         clock = self._services.runtime.clock
         try:
             machine = self._build()
+            structure = structure_message(machine.definition, self.run_id, self._request.entry.name)
         except BaseException as error:
             self._refuse(self._reason_of(error))
             return
@@ -336,9 +340,7 @@ class BehaviorRun:
         if is_stopped:
             self._refuse(f'stopped before it began: {self._stop_reason}')
             return
-        self._observer.built(
-            self._request, structure_message(machine.definition, self.run_id, self._request.entry.name)
-        )
+        self._observer.built(self._request, structure)
         self._tell_skills(machine.definition)
         self._await_nodes()
         with self._loop:

@@ -71,12 +71,14 @@ class SearchProcess:
         self._on_end(answer, why)
 
     def _searched(self) -> tuple[News | None, str]:
+        # Without the lock: to start a process can take long, and the executor cancels.
+        process = subprocess.Popen(  # noqa: S603 - the command is that of an installed package
+            [*self._command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
         with self._lock:
+            self._process = process
             if self._is_canceled:
-                return None, ''
-            self._process = process = subprocess.Popen(  # noqa: S603 - the command is that of an installed package
-                [*self._command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-            )
+                self._kill()
         limit = threading.Timer(self._seconds + _GRACE, self._too_late)
         limit.start()
         answer: News | None = None

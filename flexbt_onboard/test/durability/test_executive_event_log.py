@@ -167,6 +167,25 @@ def test_a_full_disk_leaves_whole_lines_and_at_most_one_that_is_cut_off(tmp_path
     assert [json.loads(line)['number'] for line in lines[:-1]] == list(range(len(lines) - 1))
 
 
+class Unwritable:
+    def __str__(self) -> str:
+        raise RuntimeError('no text for this')
+
+
+def test_a_value_that_cannot_be_written_is_told_and_does_not_end_the_log(tmp_path: Path) -> None:
+    problems: list[str] = []
+    file = tmp_path / 'r.jsonl'
+    with NodeRuntime.open('odd') as runtime:
+        log = EventLog(file, runtime.clock, problems.append)
+        log.add('odd', value=Unwritable())
+        wait_until(lambda: len(problems) == 1, 'the problem')
+        log.add('next')
+        wait_until(lambda: len(problems) == 2, 'the end of it')
+        log.close()
+    assert 'RuntimeError: no text for this' in problems[0] and problems[1] == ''
+    assert [json.loads(line)['event'] for line in file.read_text().split('\n') if line] == ['lost', 'next']
+
+
 def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:
     file = tmp_path / 'r.jsonl'
     with NodeRuntime.open('rotating') as runtime:

@@ -21,6 +21,7 @@ from flexbt_core.state_machine import (
 )
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, state_services
+from flexbt_onboard.runs import BehaviorRun
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -407,6 +408,20 @@ def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> No
     assert len(lines) == 21 and max(map(len, lines)) < 300
     assert '99800 characters left out' in lines[0]
     assert lines[1] == 'line 0' and lines[-1] == '... 81 more'
+
+
+@pytest.mark.parametrize('kind', [MemoryError, SystemExit])
+def test_a_fault_of_ours_on_the_thread_of_a_run_ends_the_run_and_is_told(
+    make_bench: Make, monkeypatch: pytest.MonkeyPatch, kind: type[BaseException]
+) -> None:
+    def fault(_run: BehaviorRun, _machine: Any) -> None:
+        raise kind('ours')
+
+    bench = make_bench(single(Step))
+    monkeypatch.setattr(BehaviorRun, '_tell_skills', fault)
+    bench.start()
+    assert bench.wait_idle() == 'error'
+    assert 'fault in the executive' in bench.status.message and kind.__name__ in bench.logged('ours').text
 
 
 def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:

@@ -26,14 +26,14 @@ from nav2_msgs.srv import (
     GetCostmap,
 )
 from nav_msgs.msg import OccupancyGrid
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received
 from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
@@ -42,6 +42,7 @@ from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observat
 from flexbt_sim.ros_messages import grid_info
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
+from .demand import Demand
 from .frames import MapFrame, asked_pose
 from .navigation_parameters import NavigationParameters
 from .request_checks import bounded
@@ -84,8 +85,10 @@ class CostmapServer:
         parameters: NavigationParameters,
         map_frame: MapFrame,
         robot_pose: Callable[[], Pose],
+        demand: Demand,
     ) -> None:
         """``robot_pose()`` gives the pose of the robot, or raises NavigationError."""
+        self._demand = demand
         self._runtime = runtime
         self._parameters = parameters
         self._map_frame = map_frame
@@ -96,7 +99,9 @@ class CostmapServer:
         self._observation: tuple[float, Observation, Pose] | None = None
         self._frames = TransformBuffer()
         node = runtime.node
-        node.create_subscription(LaserScan, parameters.scan_topic, self._receive_scan, qos_profile_sensor_data)
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        demand.subscribe(LaserScan, parameters.scan_topic, newest, self._receive_scan)
+        demand.reasons.append(self._is_shown)
         node.create_subscription(TFMessage, names.TF_STATIC, self._receive_frames, names.latched(100))
         self._publishers: dict[str, tuple[Any, ...]] = {}
         for name, entirely in ((GLOBAL, names.CLEAR_GLOBAL_COSTMAP), (LOCAL, names.CLEAR_LOCAL_COSTMAP)):
@@ -139,6 +144,7 @@ class CostmapServer:
         return kept.shared[1]
 
     def _known(self, name: str) -> _Kept:
+        self._demand.take()
         try:
             return self._kept[name]
         except KeyError:
@@ -163,13 +169,14 @@ class CostmapServer:
         self._poses.append((time, pose))
         self._observe()
 
-    def _receive_scan(self, scan: LaserScan) -> None:
+    def _receive_scan(self, received: Received) -> None:
         try:
+            scan = received.unpack(LaserScan)
             check_limits(scan)
             numbers = (scan.angle_min, scan.angle_increment, scan.range_max)
             if math.isnan(sum(numbers)) or not all(map(math.isfinite, numbers[:2])):
                 raise NavigationError('UNKNOWN', f'a scan with angles or a range that are no numbers: {numbers}')
-        except FlexbtError as error:
+        except (FlexbtError, ValueError) as error:
             self._complain(error)
             return
         self._scan = scan
@@ -182,7 +189,7 @@ class CostmapServer:
         except FlexbtError as error:
             self._complain(error)
 
-    def _complain(self, error: FlexbtError) -> None:
+    def _complain(self, error: FlexbtError | ValueError) -> None:
         self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
     def _observe(self) -> None:
@@ -227,6 +234,9 @@ class CostmapServer:
             kept.layers.observe(observation, robot)
 
     # -- what goes out -----------------------------------------------------------------------------------------------
+
+    def _is_shown(self) -> bool:
+        return any(shown.get_subscription_count() for publishers in self._publishers.values() for shown in publishers)
 
     def _publish(self, name: str) -> None:
         """To whoever listens; who comes later gets what was published last."""
@@ -309,6 +319,7 @@ class CostmapServer:
         )
 
     def _get(self, name: str, _request: Any, response: Any) -> Any:
+        self._demand.take()
         if name in self._kept:
             response.map = self._message(name)
         return response
@@ -316,6 +327,7 @@ class CostmapServer:
     def _get_cost(self, name: str, request: Any, response: Any) -> Any:
         """As Nav2: -1 beside the costmap; the footprint has the greatest cost on its outline, and is lethal there."""
         response.cost = -1.0
+        self._demand.take()
         if name not in self._kept or not all(map(math.isfinite, (request.x, request.y, request.theta))):
             return response
         points = [(request.x, request.y)]

@@ -9,10 +9,11 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.calls import ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
@@ -23,6 +24,7 @@ from flexbt_sim.world import Pose
 
 from .action_results import GoalEnd
 from .costmap_server import CostmapServer
+from .demand import Demand
 from .frames import MapFrame
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, finite_pose
@@ -89,13 +91,16 @@ class RobotInterface:
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
         self._pose_heard = -math.inf
+        self._is_moving = False
         self._has_map = False
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
-        node.create_subscription(PoseStamped, parameters.pose_topic, self._receive_pose, 1)
+        self._demand = demand = Demand(runtime)
+        demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
+        demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
         self.map_frame = MapFrame(runtime, parameters)
-        self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose)
+        self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose, demand)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
 
@@ -135,6 +140,7 @@ class RobotInterface:
     @property
     def pose(self) -> Pose:
         """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
+        self._demand.take()
         if self._pose is None or self.silence >= self._parameters.pose_timeout:
             since = '' if self._pose is None else f' for {self.silence:.1f} s'
             raise NavigationError(
@@ -145,6 +151,7 @@ class RobotInterface:
     @property
     def silence(self) -> float:
         """For how long there has been no pose, s of ``NodeRuntime.heard``; infinite before the first."""
+        self._demand.take()
         return self._runtime.heard.handled - self._pose_heard
 
     def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
@@ -153,6 +160,7 @@ class RobotInterface:
 
     def forget_pose(self) -> None:
         """What told the pose is gone."""
+        self._demand.take_all()  # nothing that it has said before is news
         self._pose, self._pose_heard = None, -math.inf
 
     def drive(self, velocity: Velocity) -> None:
@@ -166,16 +174,19 @@ class RobotInterface:
         else:
             self._commands.publish(command)
 
-    def _receive_pose(self, message: PoseStamped) -> None:
+    def _receive_pose(self, received: Received) -> None:
+        before = self._pose
         try:
+            message = received.unpack(PoseStamped)
             check_limits(message)
             check_frame(message.header.frame_id, self._parameters.map_frame, 'the pose of the robot')
             self._pose = finite_pose(message.pose, 'the pose of the robot', 'TF_ERROR')
-        except FlexbtError as error:
+        except (FlexbtError, ValueError) as error:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         self._pose_heard = self._runtime.heard.looked
+        self._is_moving = self._pose != before
         time = seconds_of(message.header.stamp)
         self.costmaps.add_pose(time, self._pose)
         self._tell_waiting()

@@ -10,7 +10,9 @@ from builtin_interfaces.msg import Duration
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.runtime import tells_writers
 from flexbt_common.values import duration_message, seconds_of
+from flexbt_sim.server_common import RobotInterface
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
 
 
@@ -57,3 +59,23 @@ def test_the_robot_drives_meanwhile(world: Probe) -> None:
     path, pause = world.follow(line(DOCK, (1.8, 4.45))), wait(world, 3.0)
     assert path.wait().status is GoalStatus.SUCCEEDED
     assert pause.wait().status is GoalStatus.SUCCEEDED
+
+
+@pytest.mark.skipif(not tells_writers(), reason='the stock executor takes whatever comes')
+def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(world: Probe, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[float] = []
+    tell = RobotInterface._tell_waiting
+
+    def counted(robot: RobotInterface) -> None:
+        heard.append(world.sightings[-1].time)
+        tell(robot)
+
+    monkeypatch.setattr(RobotInterface, '_tell_waiting', counted)
+    world.place(DOCK)
+    world.later(1.0)
+    seen, before = len(world.sightings), len(heard)
+    world.later(10.0)
+    assert len(heard) - before < (len(world.sightings) - seen) / 3
+    before = len(heard)
+    assert world.follow(line(DOCK, (1.8, 4.45))).wait().status is GoalStatus.SUCCEEDED
+    assert len(heard) - before > 20

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whether what is heard of the robot is needed at once, or when somebody asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.qos import QoSProfile
+
+from flexbt_common.calls import goal_servers
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.values import MESSAGE
+
+
+class Demand:
+    """On the executor thread.
+
+    Poses and scans are needed at once while a goal goes on, and while one of ``reasons`` gives True. At other times
+    they would only wake the node: they stay with the middleware, as many as the queues take, until :meth:`take` or
+    until the executor looks, about once a second (node_executor.py).
+    """
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._servers = goal_servers(runtime)
+        self._node = runtime.node
+        self._messages: list[ReceivedMessages] = []
+        self._is_there = False
+        self.reasons: list[Callable[[], bool]] = []
+
+    def subscribe(
+        self, message_type: type[Any], topic: str, qos: QoSProfile, on_message: Callable[[Received], object]
+    ) -> None:
+        """Have ``on_message`` called for what comes on a topic, of as many bytes as a message may have."""
+        self._messages.append(
+            ReceivedMessages(self._node, message_type, topic, qos, on_message, MESSAGE, is_awaited=self._look)
+        )
+
+    def take(self) -> None:
+        """Somebody asks: hear what has come, unless the executor does so anyway."""
+        if not self._is_there:
+            self.take_all()
+
+    def take_all(self) -> None:
+        """Hear what has come, before anything else that has."""
+        for messages in self._messages:
+            messages.take()
+
+    def _look(self) -> bool:
+        self._is_there = any(server.busy for server in self._servers.values()) or any(
+            reason() for reason in self.reasons
+        )
+        return self._is_there
