@@ -98,7 +98,11 @@ class ClearCostmapAroundPose(_ClearCostmap):
 
 
 class IsPathValid(ServiceLeaf):
-    """Succeeds when no pose of ``path`` is in collision. Of the branch jazzy of Nav2; main has ValidatePath."""
+    """Succeeds when no pose of ``path`` is in collision. Of the branches jazzy and kilted; main has ValidatePath.
+
+    ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy have no such
+    fields, and whoever gives one of these ports is told that it has no effect.
+    """
 
     __slots__ = ()
 
@@ -106,10 +110,17 @@ class IsPathValid(ServiceLeaf):
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
     skill = Skill.measuring(VALID)
-    ports = SERVICE_PORTS | {'path': input_port(PATH, optional=True, description='the path to check')}
+    fields: ClassVar[Sequence[str]] = ('max_cost', 'consider_unknown_as_obstacle')
+    ports = SERVICE_PORTS | {
+        'path': input_port(PATH, optional=True, description='the path to check'),
+        'max_cost': input_port(UNSIGNED, default='253', description='cost from which a cell is in collision'),
+        'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
+    }
 
     def make_request(self) -> Any:
-        return self.service_type.Request(path=self.get_input_or('path', Path()))
+        request = self.service_type.Request(path=self.get_input_or('path', Path()))
+        set_ports(self, request, *self.fields)
+        return request
 
     def on_response(self, response: Any) -> NodeStatus:
         return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
@@ -121,9 +132,15 @@ class ValidatePath(IsPathValid):
     __slots__ = ('_path',)
 
     kind = NodeKind.ACTION
+    fields = (
+        *IsPathValid.fields,
+        'layer_name',
+        'footprint',
+        'stop_at_first_collision',
+        'max_lookahead_distance',
+    )
     ports = IsPathValid.ports | {
         'max_cost': input_port(UNSIGNED, default='254', description='cost from which a cell is in collision'),
-        'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
         'layer_name': input_port(STRING, default='', description='layer of the costmap to look at; all if empty'),
         'footprint': input_port(STRING, default='', description="footprint to check, if not the robot's"),
         'stop_at_first_collision': input_port(BOOL, default='true', description='whether one collision is enough'),
@@ -139,7 +156,6 @@ class ValidatePath(IsPathValid):
 
     def make_request(self) -> Any:
         request = super().make_request()
-        set_ports(self, request, *_VALIDATION)
         self._path = request.path
         return request
 
@@ -151,15 +167,6 @@ class ValidatePath(IsPathValid):
         self.set_output('collision_poses', [poses[index] for index in wrong if 0 <= index < len(poses)])
         return super().on_response(response)
 
-
-_VALIDATION: Final = (
-    'max_cost',
-    'consider_unknown_as_obstacle',
-    'layer_name',
-    'footprint',
-    'stop_at_first_collision',
-    'max_lookahead_distance',
-)
 
 NO_INFORMATION: Final = 255
 """Cost of a cell of which nothing is known."""

@@ -16,6 +16,7 @@ from flexbt_common.values import seconds_of
 from flexbt_core.behavior_tree import (
     Condition,
     NodeConfig,
+    NodeKind,
     NodeStatus,
     Port,
     StatefulAction,
@@ -119,6 +120,14 @@ class CheckStopStatus(StatefulAction):
 
     def on_halted(self) -> None:
         self.cancel_wake()
+
+
+class IsStopped(CheckStopStatus):
+    """CheckStopStatus, as the branch kilted of Nav2 calls it."""
+
+    __slots__ = ()
+
+    kind = NodeKind.CONDITION
 
 
 BRAKE_LIMIT: Final = -10.0
@@ -255,5 +264,6 @@ NODES: Final = (
     IsBatteryLow,
     IsBatteryCharging,
     CheckStopStatus,
+    IsStopped,
     IsStuck,
 )

@@ -160,8 +160,8 @@ TYPES: Final = {
 }
 """Types of ports as they are called here."""
 
-OURS: Final = {('IsPathValid', 'service_name')}
-"""Ports that neither branch has."""
+OURS: Final = {('IsPathValid', name) for name in ('service_name', 'max_cost', 'consider_unknown_as_obstacle')}
+"""Ports that neither branch has; the last two are those of kilted."""
 
 OUR_DEFAULTS: Final = {
     ('jazzy', 'RoundRobin', 'wrap_around'): 'true',  # where jazzy has no such port, and goes round

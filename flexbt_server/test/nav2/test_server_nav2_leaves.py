@@ -405,6 +405,7 @@ def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
     drive(11, 0.0)
     wait_until(lambda: leaves(world, '<IsStuck/>'), 'the collision')
     assert leaves(world, stopped)
+    assert leaves(world, '<IsStopped duration_stopped="100"/>')  # as kilted calls it
     drive(12, 0.0)
     wait_until(lambda: not leaves(world, '<IsStuck/>'), 'the robot to be free')
 
