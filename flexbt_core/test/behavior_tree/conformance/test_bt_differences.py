@@ -40,6 +40,15 @@ def outcome(trace: dict[str, Any]) -> str:
 
 ROWS = [
     Row(
+        'a default {=} in the model of a sub-tree means the entry with the name of the port',
+        '<Sequence><SubTree ID="T"/><ScriptCondition code="out == 2"/></Sequence>',
+        [TICK],
+        'error',
+        'S',
+        others='<BehaviorTree ID="T"><Script code="out := 2"/></BehaviorTree><TreeNodesModel><SubTree ID="T">'
+        '<output_port name="out" default="{=}"/></SubTree></TreeNodesModel>',
+    ),
+    Row(
         'the explicit form is accepted below a ReactiveSequence',
         '<ReactiveSequence><Action ID="AlwaysSuccess"/></ReactiveSequence>',
         [TICK],
