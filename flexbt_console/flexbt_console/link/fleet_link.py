@@ -15,7 +15,7 @@ from flexbt_console.mirror import Fleet, Mirror
 
 from .operator_link import OperatorLink
 
-LOOK_SECONDS: Final = 1.0
+LOOK_SECONDS: Final = 0.6
 """From one look for robots that have come to the next: nobody waits for them."""
 
 _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'

@@ -121,8 +121,10 @@ class MapCanvas:
         for path, layer in ((around.driven, Layer.DRIVEN), (around.plan, Layer.PLAN)):
             dots.update(dict.fromkeys(_line_dots(path, frame), layer))
         drawn = self._characters(dots, frame)
+        for pose in places.values():
+            self._write(drawn, frame, (pose.x, pose.y), self._signs.place, Layer.PLACE)
         for name, pose in places.items():
-            self._write(drawn, frame, (pose.x, pose.y), self._signs.place, Layer.PLACE, one_line(name))
+            _write_name(drawn, frame.cell((pose.x, pose.y)), one_line(name))
         for column, row in _met(around.scan, walls, frame):
             drawn[row][column] = _MET, Layer.SCAN
         if around.goal is not None:
@@ -151,22 +153,35 @@ class MapCanvas:
         return drawn
 
     @staticmethod
-    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer, name: str = '') -> None:
-        """A sign at a point, and a name behind it; where there is no room, before it."""
+    def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer) -> None:
         at = frame.cell(point)
-        if at is None:
-            return
-        begin, text = at[0], sign + name
-        if begin + len(text) > frame.columns and len(name) <= begin:
-            begin, text = begin - len(name), name + sign
-        for place, character in enumerate(text, begin):
-            if place < frame.columns:
-                drawn[at[1]][place] = character, layer
+        if at is not None:
+            drawn[at[1]][at[0]] = sign, layer
 
     def _walls_of(self, map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
         if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
             self._walls = map, frame, frozenset(_wall_dots(map, frame))
         return self._walls[2]
+
+
+def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
+    """A name beside its sign: behind it, before it, above or below it, where it covers no other place nor its name;
+    where there is no such room, as much of it as fits behind the sign."""
+    if at is None or not name:
+        return
+    (column, row), columns = at, len(drawn[0])
+
+    def is_free(begin: int, line: int, count: int) -> bool:
+        is_inside = 0 <= line < len(drawn) and begin >= 0 and begin + count <= columns
+        cells = range(max(0, begin - 1), min(columns, begin + count + 1))  # one beside it on both sides
+        return is_inside and all((cell, line) == at or drawn[line][cell][1] is not Layer.PLACE for cell in cells)
+
+    middle = max(0, min(column - len(name) // 2, columns - len(name)))
+    tried = ((column + 1, row), (column - len(name), row), (middle, row - 1), (middle, row + 1))
+    begin, line = next((one for one in tried if is_free(*one, len(name))), tried[0])
+    room = next((count for count in range(len(name), 0, -1) if is_free(begin, line, count)), 0)
+    for cell, character in enumerate(cut(name, room), begin):
+        drawn[line][cell] = character, Layer.PLACE
 
 
 def map_lines(view: View, size: tuple[int, int]) -> list[str]:

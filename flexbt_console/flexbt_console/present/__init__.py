@@ -15,6 +15,7 @@ from .json_form import (
 from .rendering import (
     age_text,
     alarm_line,
+    asked_text,
     authority_text,
     autonomy_text,
     behavior_line,
@@ -52,6 +53,7 @@ __all__ = [
     'Tone',
     'age_text',
     'alarm_line',
+    'asked_text',
     'authority_text',
     'autonomy_text',
     'behavior_line',

@@ -160,17 +160,22 @@ def authority_text(snapshot: Snapshot) -> str:
 
 
 def decision_line(pending: Decision, snapshot: Snapshot) -> str:
-    """A pending decision of a snapshot in one line."""
+    """A pending decision of a snapshot in one line, with the identifier by which it is answered."""
+    return f'[{one_line(pending.id)}] {asked_text(pending, snapshot)}'
+
+
+def asked_text(pending: Decision, snapshot: Snapshot) -> str:
+    """What a pending decision of a snapshot asks."""
     where = one_line(pending.path)
     prompt = f': {one_line(pending.prompt)}' if pending.prompt else ''
     if pending.kind is DecisionKind.INPUT:
         form = 'place or x y yaw' if pending.wants_pose else one_line(pending.input_type)
-        return f'[{one_line(pending.id)}] {where} asks for a value ({form}){prompt}'
+        return f'{where} asks for a value ({form}){prompt}'
     if pending.kind is DecisionKind.TRANSITION:
         has_breakpoint = pending.path in snapshot.breakpoints
         needs = f' ({"breakpoint" if has_breakpoint else _required(pending.required_autonomy)})'
-        return f'[{one_line(pending.id)}] {where} wants {one_line(pending.outcome)}{needs}{prompt}'
-    return f'[{one_line(pending.id)}] {where} asks to choose{prompt}'
+        return f'{where} wants {one_line(pending.outcome)}{needs}{prompt}'
+    return f'{where} asks to choose{prompt}'
 
 
 def _required(level: int) -> str:
@@ -310,9 +315,9 @@ def robot_line(robot: RobotOverview) -> str:
     waited = age_text(robot.seconds) if robot.seconds else ''
     runs = what_runs(view) if view.snapshot is not None else 'nothing was heard of it'
     where = '  '.join(one_line(path) for path in view.active_paths)
-    asked = decision_line(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
+    asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
     missed = '; '.join(peer_line(peer) for peer in missed_peers(view.snapshot)) if view.live and view.snapshot else ''
-    what = '  '.join(filter(None, (runs, asked or where, missed)))
+    what = '  '.join(filter(None, (asked, runs, '' if asked else where, missed)))
     text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
 

@@ -105,7 +105,7 @@ def test_a_map_is_lines_json_or_an_image(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setenv('FLEXBT_ASCII', '1')
     answer = shown(robot(), 'map', '--size', '40x12')
     text = '\n'.join(answer.text)
-    assert text.isascii() and len(answer.text) == 12 and 'okitchen' in text and 'plan 3.0 m' in text
+    assert text.isascii() and len(answer.text) == 12 and '@kitchen' in text and 'plan 3.0 m' in text
     assert sum('#' in line for line in answer.text) == 9 and any(line.startswith('     >...') for line in answer.text)
     assert answer.value['goal'] == (3.5, 1.0) and answer.value['map']['width'] == 40
     file = tmp_path / 'map'

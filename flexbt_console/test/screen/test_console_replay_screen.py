@@ -100,7 +100,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: P
         make = CommandBuilder(None)
         app = OperatorScreen(bar.player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar)
         async with app.run_test(size=(100, 30)) as pilot:
-            await shows(pilot, 'State0', 'stands x1  0.0 / 10.0 s', ':/TEXT finds')
+            await shows(pilot, 'State0', 'stands x1  0.0 / 10.0 s', '/ finds')
             await pilot.resize_terminal(80, 24)
             await shows(pilot, 'q quits', 'space plays', ', . step')
             await pilot.press('space', 'right_square_bracket')
@@ -111,7 +111,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: P
             await shows(pilot, 'State3', 'stands', 'LIVE')
             await pilot.press('full_stop', 'full_stop')
             await shows(pilot, 'State5')
-            await pilot.press('colon', *'/State8', 'enter')
+            await pilot.press(*'/State8', 'enter')
             await shows(pilot, 'State8', ' 8.0 / 10.0 s')
             await pilot.press('colon', *'/State2', 'enter')
             await shows(pilot, "nothing has 'State2' in it after 8.0 s")

@@ -47,6 +47,7 @@ from flexbt_console.mirror import (
 from flexbt_console.pictures import ASCII, acting_lines
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
+from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Pane
 from flexbt_core.clock import ManualClock
 
@@ -322,6 +323,14 @@ def test_keys_give_the_commands_of_the_registry() -> None:
             CommandKind.RELEASE_AUTHORITY,
         ]
         assert robot.link.kinds[6:] == expected
+        for holder, asking, expected_kind in (
+            ('bob', (), CommandKind.CLAIM_AUTHORITY),  # asked for
+            ('bob', ('ann',), CommandKind.RELEASE_AUTHORITY),  # not any more
+        ):
+            robot.show(authority=holder, authority_requests=asking)
+            await seen(robot, pilot)
+            await pilot.press('c')
+            assert robot.link.kinds[-1] is expected_kind
 
     on_screen(robot, steps)
 
@@ -335,7 +344,10 @@ def test_a_state_is_forced_in_two_steps() -> None:
         assert 'failed' in text_of(app)
         await pilot.press('escape')
         assert robot.link.sent == []
-        await pilot.press('f', 'down', 'enter')
+        await pilot.press('f', 'down')
+        await pilot.pause()
+        assert '> /Drive: failed' in text_of(app)  # not by colour alone
+        await pilot.press('enter')
         await pilot.pause()
         (sent,) = robot.link.sent
         assert (sent.kind, sent.path, sent.outcome) == (CommandKind.FORCE, '/Drive', 'failed')
@@ -499,10 +511,12 @@ def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alon
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         assert '1 other needs you: o' in text_of(app)
-        await pilot.press('o')
+        app.action_press('robots')
+        app.draw()  # something comes while the list opens
         await seen(own, pilot)
         first = text_of(app).splitlines()[1]
-        assert '/robot37' in first and 'waits' in first and '4.0 s' in first
+        assert '/robot37' in first and 'waits' in first and '4.0 s' in first and '/Drive wants done' in first
+        assert not [line for _, line in app._told if 'fault' in line]
         await pilot.press('enter', 'enter')  # the cursor is at our own robot
         assert own.link.sent == [] and asks.link.sent == []
         await pilot.press('o', *['up'] * 50, 'enter')
@@ -634,18 +648,20 @@ def test_random_keys_confirm_nothing(size: tuple[int, int]) -> None:
     at_once = {'stop', 'pause', 'more_autonomy', 'less_autonomy', 'lock', 'breakpoint', 'repeat', 'claim', 'decline'}
     keys = [name for key in KEYS if key.action not in at_once | {'confirm', 'leave'} for name in key.keys]
     keys += ['tab', 'shift+tab', 'left', 'right', 'up', 'down', 'escape', 'less_than_sign', 'x', 'k', 'backspace', 'f2']
-    robot = Robot()
+    robots = FakeRobots(3)
+    one = robots.robots['/robot00']
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for number in range(KEY_COUNT):
             if number % 10 == 0:
                 waiting = chance.choice([(), (PLAN,), (CHOICE,), (WHERE,), (OTHER, WHERE)])
                 state = chance.choice([ExecutiveState.RUNNING, ExecutiveState.IDLE, ExecutiveState.PAUSED])
-                robot.show(*waiting, state=state)
-            await pilot.press(chance.choice(keys))
-        assert app.is_running
-        assert robot.link.sent == []
+                chance.choice(list(robots.robots.values())).show(*waiting, state=state)
+            is_listed = isinstance(app.screen, Overview)
+            await pilot.press('enter' if is_listed and chance.random() < 0.3 else chance.choice(keys))
+        assert app.is_running and not [line for _, line in app._told if 'fault' in line]
+        assert all(robot.link.sent == [] for robot in robots.robots.values())
         await pilot.press('f8')
-        assert robot.link.kinds == [CommandKind.STOP]
+        assert [robot.link.kinds for robot in robots.robots.values() if robot.link.sent] == [[CommandKind.STOP]]
 
-    on_screen(robot, steps, size)
+    on_screen(one, steps, size, robots)

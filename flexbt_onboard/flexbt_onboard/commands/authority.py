@@ -107,7 +107,9 @@ class Authority:
         if not grantee:
             raise CommandRefusedError('HAND_OVER_AUTHORITY must name in grantee who gets it')
         if grantee != operator:
-            self._give(grantee, f'{operator!r} handed it over')
+            is_there = grantee in self._presence.present
+            absent = '' if is_there else f'; no console of {grantee!r} is there, and it ends after {self._timeout:g} s'
+            self._give(grantee, f'{operator!r} handed it over{absent}')
 
     def _request(self, operator: str) -> None:
         now = self._runtime.steady.now()

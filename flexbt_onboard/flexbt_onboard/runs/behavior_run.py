@@ -303,7 +303,10 @@ class BehaviorRun:
         elif error:
             self._why_ended = f'{path}: {error}'
         if reason is ExitReason.FORCED:
-            self._observer.log(ExecutiveLog.INFO, path, f'left by {outcome!r}, as the operator wants it')
+            # Told of what is around: it is no reason for what a state wants that is entered again at that moment.
+            around, _, label = path.rpartition('/')
+            text = f'{label} left by {outcome!r}, as the operator wants it'
+            self._observer.log(ExecutiveLog.INFO, around or '/', text)
             self._tell_unwritten(path, outcome, target)
 
     def _tell_unwritten(self, path: str, outcome: str, target: str) -> None:

@@ -172,7 +172,7 @@ def test_only_what_is_active_can_be_forced_by_what_it_declares(
     assert words in bench.refused(FORCE, path=path, outcome=outcome)
     bench.applied(FORCE, path='/A', outcome='out')
     assert bench.wait_idle() == 'finished'
-    bench.logged("left by 'out'")
+    assert bench.logged("A left by 'out'").path == '/'  # no reason for what A wants when it is entered again
 
 
 def test_what_later_versions_know_is_refused_by_name(bench: LoopBench) -> None:

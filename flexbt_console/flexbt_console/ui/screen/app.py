@@ -165,6 +165,7 @@ class OperatorScreen(App[None]):
                 *((key, f'replay("{move}")') for key, move in MOVES.items()),
                 *((key, f'cursor("{key}")') for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
                 ('escape', 'leave_mode'),
+                ('slash', 'slash'),
                 ('tab', 'complete'),
                 ('f8', 'stop_now'),
             )
@@ -341,7 +342,7 @@ class OperatorScreen(App[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key does that now; what is typed into a line or an open list is for these."""
-        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'complete'):
+        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'slash', 'complete'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
             return isinstance(self.screen, Overview) and parameters == ('stop',)
@@ -372,7 +373,7 @@ class OperatorScreen(App[None]):
         if own is not None:
             own(key, view)
         else:
-            self.do(line_for(action, view))
+            self.do(line_for(action, view, self._make.operator))
 
     @_guarded
     def action_replay(self, move: str) -> None:
@@ -649,6 +650,11 @@ class OperatorScreen(App[None]):
             self._carry_out(interpret(event.value, view, self._make, self._line_bound), view)
         except ConsoleError as error:
             self._warn(str(error))
+
+    @_guarded
+    def action_slash(self) -> None:
+        """Type a command, or what is looked for in a recording."""
+        self._open_line('/' if self._replay is not None else '')
 
     def action_complete(self) -> None:
         """Complete the line that is typed."""

@@ -54,17 +54,27 @@ class ChoiceList(ModalScreen[int | None]):
         super().__init__()
         self._title = title
         self._lines = lines
+        self._marked = 0
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
         with Vertical(classes='dialog'):
             yield Label(Text(self._title))
-            yield OptionList(*(Option(Text(one_line(line))) for line in self._lines))
+            yield OptionList(*(Option(self._row(number, 0)) for number in range(len(self._lines))))
             yield Label(Text('Enter chooses, Esc leaves'), classes='dim')
 
     def on_mount(self) -> None:
         """The list has the keys."""
         self.set_focus(self.query_one(OptionList))
+
+    def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
+        """The line under the cursor has a mark, too: a colour alone is not seen everywhere."""
+        for number in {self._marked, event.option_index}:
+            event.option_list.replace_option_prompt_at_index(number, self._row(number, event.option_index))
+        self._marked = event.option_index
+
+    def _row(self, number: int, marked: int) -> Text:
+        return Text(f'{">" if number == marked else " "} {one_line(self._lines[number])}')
 
     def action_move(self, move: str) -> None:
         """Move in the list, as it moves by itself."""
@@ -169,8 +179,9 @@ class Reading(ModalScreen[None]):
         self.call_after_refresh(self._draw)
 
     def _draw(self) -> None:
-        columns = self.query_one(VerticalScroll).scrollable_content_region.width
-        self.query_one(Pane).show(styled(folded(self._text, columns)))
+        for scroll in self.query(VerticalScroll):  # not any more, when it was closed meanwhile
+            columns = scroll.scrollable_content_region.width
+            scroll.query_one(Pane).show(styled(folded(self._text, columns)))
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:

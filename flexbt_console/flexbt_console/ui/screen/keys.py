@@ -73,8 +73,8 @@ _OF_RUN: Final = (
     Key(('exclamation_mark', 'f8'), '! F8', 'STOP', 'stop the run, bring the robot to rest; F8 from anywhere', 'stop'),
     Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs),
     Key(('f',), 'f', 'force', 'leave an active state by an outcome of your choice', 'force', _is_active, rank=2),
-    Key(('plus',), '+', 'more autonomy', 'let the robot decide more alone', 'more_autonomy', rank=2),
-    Key(('minus',), '-', 'less', 'let the robot decide less alone', 'less_autonomy', rank=2),
+    Key(('plus',), '+ -', 'autonomy', 'let the robot decide more alone, or less', 'more_autonomy', rank=2),
+    Key(('minus',), '-', 'less autonomy', 'let the robot decide less alone', 'less_autonomy', rank=3),
     Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
     Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
     Key(('l',), 'l', 'lock', 'keep the active state from being left, or let it go', 'lock', _is_active, rank=3),
@@ -83,21 +83,21 @@ _OF_RUN: Final = (
 )
 
 _OF_SCREEN: Final = (
-    Key(('colon', 'slash'), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
+    Key(('colon',), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
     Key(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
     Key(('z',), 'z', 'zoom', 'the next pane alone on the screen; after the last, all of them', 'zoom', rank=2),
     Key(('o',), 'o', 'robots', 'all robots, the most urgent first; Enter goes to one', 'robots', rank=2),
     Key(('q',), 'q', 'quit', 'leave the screen', 'leave'),
     Key(('u',), 'u', 'userdata', 'show what the states have handed to each other', 'userdata', _runs, rank=3),
     Key(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
-    Key(('c',), 'c', 'claim', 'claim the authority to command, or give it back', 'claim', rank=3),
+    Key(('c',), 'c', 'claim', 'claim the authority to command (ask who has it), or give it back', 'claim', rank=3),
 )
 
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
 
-def line_for(action: str, view: View) -> str:
-    """The line that a key stands for, as it would be typed; '' for what is no line."""
+def line_for(action: str, view: View, operator: str | None) -> str:
+    """The line that a key of this operator stands for, as it would be typed; '' for what is no line."""
     snapshot = view.snapshot
     path = view.active_paths[0] if view.active_paths else ''
     if action == 'pause':
@@ -113,7 +113,8 @@ def line_for(action: str, view: View) -> str:
     if action == 'repeat':
         return f'repeat {shlex.quote(path)}'
     if action == 'claim':
-        return 'release' if snapshot and snapshot.authority else 'claim'
+        has_claimed = snapshot is not None and operator in (snapshot.authority, *snapshot.authority_requests)
+        return 'release' if has_claimed else 'claim'
     return {'stop': 'stop', 'decline': 'decline', 'userdata': 'userdata'}.get(action, '')
 
 

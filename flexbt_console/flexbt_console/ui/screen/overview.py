@@ -75,7 +75,8 @@ class Overview(ModalScreen[str | None]):
             lines.append(Line(cut(f'{">" if is_chosen else " "} {line}', columns), tone_of(line)))
         shown = [head, *window(lines, place, rows - 2)]
         shown += [''] * (rows - 1 - len(shown))
-        self.query_one(Pane).show(styled([*shown, Line(cut(KEYS_OF_OVERVIEW, columns), Tone.DIM)]))
+        for pane in self.query(Pane):  # not yet, or not any more, when it is drawn while it opens or closes
+            pane.show(styled([*shown, Line(cut(KEYS_OF_OVERVIEW, columns), Tone.DIM)]))
 
     def action_step(self, by: int) -> None:
         """Move the cursor."""

@@ -29,7 +29,7 @@ MOVES: Final = {
 }
 """What each key does on the time line."""
 
-HELP: Final = ('q quits', 'space plays', ', . step', '[ ] speed', ':/TEXT finds', 'Home End 10 s')
+HELP: Final = ('q quits', 'space plays', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
 """As many of them as there is room for beside a line of LEAST cells."""
 
 LEAST: Final = 10

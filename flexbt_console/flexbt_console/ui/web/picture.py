@@ -11,6 +11,7 @@ from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LinkState, LogLin
 from flexbt_console.present import (
     age_text,
     alarm_line,
+    asked_text,
     authority_text,
     autonomy_text,
     decision_line,
@@ -202,7 +203,7 @@ def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list
 
 
 def _asked(view: View) -> str:
-    return decision_line(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
+    return asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
 
 
 def log_part(line: LogLine) -> dict[str, Any]:
