@@ -185,6 +185,8 @@ class _Exploration:
     def _describe(self, key: bytes) -> None:
         system = self._system
         self._graph.ended[key] = system.ended
+        if system.is_over:
+            self._graph.over.add(key)
         if system.waits:
             self._graph.waiting.add(key)
 

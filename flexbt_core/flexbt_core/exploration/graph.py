@@ -28,6 +28,8 @@ class Graph:
 
     def __init__(self) -> None:
         self.ended: dict[bytes, str | None] = {}
+        self.over: set[bytes] = set()
+        """Where it is settled how it ends."""
         self.waiting: set[bytes] = set()
         self.unfinished: set[bytes] = set()
         self.broken: set[bytes] = set()
@@ -158,7 +160,7 @@ class Graph:
                 yield Violation(Property.RECOVERY, where, text), way
 
     def _going_on(self) -> set[bytes]:
-        """Configurations that are reached without a stop, and are no end."""
+        """Configurations that are reached without a stop, from where it is open how it ends."""
         if self._first is None:
             return set()
         found, ahead = {self._first}, [self._first]
@@ -167,7 +169,7 @@ class Graph:
                 if ways and key not in found:
                     found.add(key)
                     ahead.append(key)
-        return {key for key in found if self.ended[key] is None}
+        return found - self.over
 
     def unlimited(self) -> list[str]:
         """The servers without whose answer it cannot end, once they were asked: nothing limits how long that takes."""

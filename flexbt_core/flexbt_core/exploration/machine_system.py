@@ -219,6 +219,10 @@ class MachineSystem:
         return self._run.outcome
 
     @property
+    def is_over(self) -> bool:
+        return self._run.is_ending
+
+    @property
     def written(self) -> frozenset[str]:
         return frozenset()
 

@@ -97,6 +97,10 @@ class System(Protocol):
         """How it has ended; None while it goes on."""
 
     @property
+    def is_over(self) -> bool:
+        """Whether it is settled how it ends; what was canceled may still go on."""
+
+    @property
     def written(self) -> frozenset[str]:
         """What it has handed to whoever comes after it, up to now: keys of the outermost blackboard."""
 

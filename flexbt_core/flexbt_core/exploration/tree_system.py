@@ -274,6 +274,10 @@ class TreeSystem:
         return self._run.result if self._run.result is not None and not self._tree.unfinished else None
 
     @property
+    def is_over(self) -> bool:
+        return self._run.result is not None
+
+    @property
     def written(self) -> frozenset[str]:
         entries = self._board._entries.items()
         return frozenset(key for key, entry in entries if entry.value is not EMPTY and key not in self.given)

@@ -385,6 +385,12 @@ def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required
     )
 
 
+def test_what_has_come_about_stays_possible_while_what_was_canceled_ends() -> None:
+    either = '<Parallel success_count="1"><Go goal="x"/><Drive/></Parallel>'
+    report = explore(lambda: system(either, '=SUCCESS is always still possible'), 'Main')
+    assert report.is_proof, report.counterexamples
+
+
 def test_what_stands_for_the_leaves_goes_with_the_proof() -> None:
     ends = [weakref.ref(type(node)) for node in system(RATE.format(2), 'never go > halted').tree.nodes[-2:]]
     gc.collect()
