@@ -12,6 +12,7 @@ from flexbt_core.skills import SkillLibrary
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import read_library, shown_name
 
+from .copies import copies
 from .diagnostics import REFUSED, Diagnostic
 from .lint import findings
 from .missions import missions
@@ -34,7 +35,8 @@ def check_trees(
     except RefusedError as error:
         found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:
-        all_found = [*findings(library, inputs, shared=shared, skills=skills), *missions(library, registry)]
+        own = findings(library, inputs, shared=shared, skills=skills)
+        all_found = [*own, *copies(library, registry), *missions(library, registry)]
         found = list(dict.fromkeys(all_found))
     order = {shown_name(file): index for index, file in enumerate(files)}
     return sorted(

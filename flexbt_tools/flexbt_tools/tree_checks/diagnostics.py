@@ -39,6 +39,8 @@ INCOMPLETE: Final = Rule(
     'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
 )
 UNUSED_TREE: Final = Rule('unused-tree', Severity.WARNING, 'a tree is neither the main one nor a sub-tree')
+MISNAMED: Final = Rule('misnamed', Severity.WARNING, 'a leaf or sub-tree has the name of another type or tree')
+TWICE: Final = Rule('twice', Severity.WARNING, 'the same stands twice in a row in a sequence')
 SHARED_RESOURCE: Final = Rule(
     'shared-resource', Severity.WARNING, 'what may run at the same time needs the same actuator'
 )
@@ -54,6 +56,8 @@ RULES: Final = (
     UNUSED_PORT,
     TYPE_CLASH,
     UNUSED_TREE,
+    MISNAMED,
+    TWICE,
     SHARED_RESOURCE,
     MISSION,
 )

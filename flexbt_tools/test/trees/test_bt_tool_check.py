@@ -184,6 +184,27 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         ),
         [],
     ),
+    (
+        'the name of another type, or of another tree',
+        (
+            'Main: <Sequence>^<Make name="use"/><Make name="Make 2"/><Wait name="use" wait_duration="1"/>'
+            '^<SubTree ID="S" name="t"/><SubTree ID="S" name="S again"/><SubTree ID="T"/></Sequence>',
+            'S: <AlwaysSuccess/>',
+            'T: <AlwaysSuccess name="Sequence"/>',
+        ),
+        [
+            'misnamed it is a [Make], and there is a node type [Use]',
+            'misnamed it runs the tree [S], and there is a tree [T]',
+        ],
+    ),
+    (
+        'there twice',
+        (
+            'Main: <Sequence><Use int="1"/><Use int="2"/>^<Use int="2"/><Use int="2" name="again"/>'
+            '<Fallback><Use/><Use/></Fallback></Sequence>',
+        ),
+        ['twice it is there twice in a row, with the same ports'],
+    ),
     ('never used', ('Main: <AlwaysSuccess/>', 'S: <AlwaysSuccess/>'), ['unused-tree tree [S] is never used']),
     (
         'a constant of the wrong type',
@@ -208,7 +229,7 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
     ),
     (
         'two sub-trees with one path',
-        ('Main: <Sequence><SubTree ID="S" name="s"/><SubTree ID="S" ^name="s"/></Sequence>', 'S: <AlwaysSuccess/>'),
+        ('Main: <Fallback><SubTree ID="S" name="s"/><SubTree ID="S" ^name="s"/></Fallback>', 'S: <AlwaysSuccess/>'),
         ['refused two sub-trees have the path [s]'],
     ),
 ]
