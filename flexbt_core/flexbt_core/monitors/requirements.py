@@ -217,7 +217,7 @@ class Requirements:
         """These are the parts of what runs."""
         for one in self.requirements:
             if isinstance(one, IsA | Has):
-                for text in dict.fromkeys(what for part in parts.get(one.name, ()) for what in _otherwise(one, part)):
+                for text in dict.fromkeys(_otherwise(one, parts.get(one.name, ()))):
                     self._tell(one, one.name, text)
 
     @property
@@ -348,18 +348,21 @@ def _events(one: Requirement) -> set[str]:
     return {one.event, one.then} if isinstance(one, Within) else set()
 
 
-def _otherwise(one: IsA | Has, part: Part) -> Iterator[str]:
-    """What a part is that it should not be."""
+def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
+    """What parts of one name are that they should not be.
+
+    Leaves without a name are called by their type, and another node may have that as its name: a type is that of the
+    latter, and ports are those of whichever has them.
+    """
     if isinstance(one, IsA):
-        if part.type != one.type:
-            yield f'{one.name} is a {part.type}'
+        named = [part for part in parts if part.type != one.name.rpartition('/')[2]]
+        yield from (f'{one.name} is a {part.type}' for part in named or parts if part.type != one.type)
         return
     for port, text in one.values:
-        given = part.values.get(port)
-        if given is None:
+        given = [part.values[port] for part in parts if port in part.values]
+        if parts and not given:
             yield f'{one.name} is given no {port}'
-        elif ' '.join(given.split()) != text:
-            yield f'{one.name} has {port}={shown(given)}'
+        yield from (f'{one.name} has {port}={shown(other)}' for other in given if ' '.join(other.split()) != text)
 
 
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:

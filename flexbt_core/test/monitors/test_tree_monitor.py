@@ -298,6 +298,7 @@ def test_attempts_of_a_run_that_is_resumed_are_not_owed_again() -> None:
 def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_call_them() -> None:
     go = '<BehaviorTree ID="Go"><Work name="drive" to="{target}"/></BehaviorTree>'
     trees = '<SubTree ID="Go" name="there" target="{goal}"/><SubTree ID="Go" name="home" target="{base}"/>'
+    trees += '<Inverter name="Work"><Work to="x"/></Inverter>'
     registry = builtin_registry()
     registry.register('Work', type('Work', (Work,), {'ports': {'to': input_port(STRING)}}))
     main = f'<BehaviorTree ID="Main"><Sequence>{trees}</Sequence></BehaviorTree>'
@@ -307,6 +308,8 @@ def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_
         'there/drive has to={goal}',
         'home/drive has to={base}',
         'home is a Go',
+        'Work is an Inverter',
+        'Work has to=x',
         'Sequence is a Sequence',
         *wrong,
     ]
