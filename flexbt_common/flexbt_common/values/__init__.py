@@ -12,12 +12,13 @@ from .entries import (
     to_entry,
     value_to_text,
 )
-from .limits import MESSAGE, check_limits, length_of
+from .limits import LONG_TEXT, MESSAGE, check_limits, length_of
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
 
 __all__ = [
+    'LONG_TEXT',
     'MESSAGE',
     'PRIMITIVES',
     'Encoding',

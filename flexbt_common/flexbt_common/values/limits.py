@@ -23,6 +23,9 @@ TEXT: Final = 1_000
 """Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""
 LIST: Final = 1_000
 """Elements of a list that it does not name."""
+LONG_TEXT: Final = 50_000
+"""Characters of a text for people that an executive sends, such as a trace or why a machine is wrong; the middle of a
+longer one is left out, and what is told of that may make it a little longer."""
 MESSAGE: Final = 16_000_000
 """Characters, bytes and elements of one message together."""
 
@@ -44,6 +47,41 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/SynthesizeBehavior_Goal.initial_conditions[]': 20_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.system': 4_096,
     'flexbt_msgs/SynthesizeBehavior_Goal.specification': 4_096,
+    # What a console takes of an executive, which cuts texts that may be longer (LONG_TEXT).
+    'flexbt_msgs/ExecutiveStatus.message': 2 * LONG_TEXT,
+    'flexbt_msgs/ExecutiveStatus.active_states': 10_000,
+    'flexbt_msgs/ExecutiveStatus.decisions': 10_000,
+    'flexbt_msgs/ExecutiveStatus.locked': 10_000,
+    'flexbt_msgs/ExecutiveStatus.locked[]': 100_000,
+    'flexbt_msgs/ExecutiveStatus.breakpoints': 10_000,
+    'flexbt_msgs/ExecutiveStatus.breakpoints[]': 100_000,
+    'flexbt_msgs/ExecutiveStatus.autonomy_levels': 10_000,
+    'flexbt_msgs/ActiveState.path': 100_000,
+    'flexbt_msgs/ActiveState.not_paused[]': 100_000,
+    'flexbt_msgs/AutonomyLevel.path': 100_000,
+    'flexbt_msgs/CommandResult.reason': 2 * LONG_TEXT,
+    'flexbt_msgs/PendingDecision.path': 100_000,
+    'flexbt_msgs/PendingDecision.prompt': 20_000,
+    'flexbt_msgs/PeerStatus.problem': 10_000,
+    'flexbt_msgs/BehaviorStructure.states': 100_000,
+    'flexbt_msgs/StateStructure.path': 100_000,
+    'flexbt_msgs/StateStructure.children': 10_000,
+    'flexbt_msgs/BehaviorList.behaviors': 10_000,
+    'flexbt_msgs/BehaviorManifest.description': 100_000,
+    'flexbt_msgs/BehaviorManifest.error': 100_000,
+    'flexbt_msgs/BehaviorParameter.default_value': 100_000,
+    'flexbt_msgs/BehaviorParameter.description': 100_000,
+    'flexbt_msgs/PlaceList.places': 10_000,
+    'flexbt_msgs/ExecutiveEvents.events': 10_000,
+    'flexbt_msgs/ExecutiveEvent.path': 100_000,
+    'flexbt_msgs/ExecutiveEvent.outcome': 2_000,  # cut after 1,000, as the others; and what is left out is told
+    'flexbt_msgs/ExecutiveEvent.target': 2_000,
+    'flexbt_msgs/ExecutiveEvent.reason': 2_000,
+    'flexbt_msgs/ExecutiveEvent.operator_id': 2_000,
+    'flexbt_msgs/ExecutiveEvent.command': 2_000,
+    'flexbt_msgs/ExecutiveEvent.text': 2_000,
+    'flexbt_msgs/ExecutiveLog.path': 100_000,
+    'flexbt_msgs/ExecutiveLog.text': 2 * LONG_TEXT,
     'flexbt_msgs/OperatorInput_Goal.prompt': 10_000,
     'flexbt_msgs/OperatorInput_Goal.choices': 200,
     'flexbt_msgs/SetFault_Request.parameters': 10_000,

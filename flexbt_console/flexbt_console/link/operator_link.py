@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -16,9 +17,10 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from std_msgs.msg import Header
 
 from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
-from flexbt_common.values import seconds_of
+from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.mirror import (
     LONGEST_RESEND,
@@ -66,6 +68,8 @@ T = TypeVar('T')
 
 MESSAGE_BYTES: Final = 16_000_000
 """Bytes of a message of the executive, at most."""
+
+PONG_BYTES: Final = 1_000
 
 TELL_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
@@ -266,7 +270,7 @@ class OperatorLink:
             Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
         )
         pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
-        node.create_subscription(Header, pong, self._on_pong, names.unacknowledged())
+        ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
         if gives_commands:
             self._open_commands()
 
@@ -302,11 +306,13 @@ class OperatorLink:
         if not self._sender.has_sent(received.participant, is_status=is_status):
             return None  # that there are several senders is told when they come, see _find_problems
         try:
-            return received.unpack(message_type)
-        except ValueError as error:
+            message = received.unpack(message_type)
+            check_limits(message)
+        except (ValueError, LimitExceededError) as error:
             text = f'{topic}: left aside: {one_line(str(error))}'
             self._runtime.node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
             return None
+        return message
 
     def _on_status(self, received: Received) -> None:
         message = self._unpacked(received, ExecutiveStatus, self._status_topic, is_status=True)
@@ -318,10 +324,11 @@ class OperatorLink:
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
 
-    def _on_pong(self, echo: Header, info: Mapping[str, int]) -> None:
-        if echo.frame_id == self._id and info['source_timestamp'] > 0:
-            said = seconds_of(echo.stamp)
-            self._mirror.receive_pong(info['source_timestamp'] * 1e-9 - said)
+    def _on_pong(self, received: Received) -> None:
+        with contextlib.suppress(ValueError):  # not from the executive
+            echo = received.unpack(Header)
+            if echo.frame_id == self._id and received.sent > 0.0:
+                self._mirror.receive_pong(received.sent - seconds_of(echo.stamp))
 
     def _on_status_matched(self, status: Any) -> None:
         self._executives = status.current_count

@@ -13,18 +13,27 @@ from typing import Any
 
 import pytest
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.serialization import serialize_message
 from simulation_interfaces.msg import Result as SimulationResult
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, tells_writers
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, tells_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
 from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror, SynthesisRequest
 from flexbt_msgs.action import SynthesizeBehavior
-from flexbt_msgs.msg import BehaviorList, ExecutiveStatus
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    ExecutiveEvents,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PlaceList,
+)
+from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import uncontended_time, wait_until
 
@@ -103,6 +112,19 @@ def test_who_has_something_made_for_the_first_time_holds_nothing_up(monkeypatch:
 
         monkeypatch.setattr('flexbt_console.link.synthesis_query.SynthesisQuery', Query)
         assert link.cancel_synthesis(DEADLINE) == 7
+
+
+def test_what_an_executive_sends_has_a_bound_for_each_field(capfd: pytest.CaptureFixture[str]) -> None:
+    with NodeRuntime.open('console', namespace='/alone') as runtime:
+        link = OperatorLink(runtime, Mirror(runtime.steady), None, '/alone')
+        for kind in (BehaviorList, BehaviorStructure, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PlaceList):
+            path, message = next(oversized(kind, 2_000_000))
+            for sent, is_taken in ((kind(), True), (message, False)):
+                data = serialize_message(sent)
+                received = Received(data, len(data), UNKNOWN_WRITER, 0.0)
+                taken = link._unpacked(received, kind, kind.__name__, is_status=kind is ExecutiveStatus)
+                assert (taken is not None) is is_taken, f'{kind.__name__}.{path}'
+    assert 'BehaviorList: left aside: executive_id has 2000000 characters' in capfd.readouterr().err
 
 
 @pytest.mark.filterwarnings('ignore:failed to send response')  # to the console, which has ended

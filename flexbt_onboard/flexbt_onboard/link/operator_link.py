@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
+from flexbt_common.values import LONG_TEXT
 from flexbt_core.values import Place, lines, one_line, sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_msgs.msg import Place as PlaceMessage
@@ -110,7 +111,7 @@ class OperatorLink:
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
-        text = sendable(text)
+        text = sendable(text, LONG_TEXT)
         try:
             with self._log_lock:  # numbers are published in their order
                 self._log_sequence += 1

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from flexbt_common.calls import GoalAdmission
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import LONG_TEXT
 from flexbt_core.monitors import Monitoring
 from flexbt_core.state_machine import PREEMPTED, Answer
 from flexbt_core.values import sendable
@@ -194,7 +195,7 @@ class RunSupervisor:
         self._show_last(last.run_id, last.behavior, outcome, message)
 
     def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
-        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sendable(message))
+        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sendable(message, LONG_TEXT))
         self._display.changed()
 
 

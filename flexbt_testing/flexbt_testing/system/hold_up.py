@@ -30,11 +30,14 @@ TREE = 'flexbt_core.behavior_tree.TickControl.tick'
 WORLD = 'flexbt_sim.simulator.node.Simulator._step'
 """Called for each step of the simulated world."""
 
+CLOCK = 'flexbt_common.runtime.health.Health._ask'
+"""Called by the thread of the wall's clock, which keeps all deadlines of a process, some times a second."""
+
 THREADS = {
-    'bt_server': {'executor': EXECUTOR, 'tree': TREE},
-    'navigation': {'executor': EXECUTOR},
-    'onboard_executive': {'executor': EXECUTOR, 'run': RUN},
-    'simulator': {'executor': EXECUTOR, 'world': WORLD},
+    'bt_server': {'executor': EXECUTOR, 'tree': TREE, 'clock': CLOCK},
+    'navigation': {'executor': EXECUTOR, 'clock': CLOCK},
+    'onboard_executive': {'executor': EXECUTOR, 'run': RUN, 'clock': CLOCK},
+    'simulator': {'executor': EXECUTOR, 'world': WORLD, 'clock': CLOCK},
 }
 """By executable: the threads that drive something, each with a method that it calls again and again."""
 
