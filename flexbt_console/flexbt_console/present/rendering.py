@@ -35,7 +35,7 @@ from flexbt_console.mirror import (
     UserdataScope,
     View,
 )
-from flexbt_core.values import lines, one_line
+from flexbt_core.values import counted, lines, one_line
 
 from .tone import Line, Tone, tone_of
 
@@ -343,7 +343,7 @@ def progress_text(progress: Progress, places: Mapping[str, Pose]) -> str:
         f'{progress.distance:.1f} m' if progress.distance is not None else '',
         f'{progress.time:.0f} s' if progress.time is not None else '',
         f'{progress.poses} poses' if progress.poses is not None and progress.poses > 1 else '',
-        f'{progress.recoveries} recoveries' if progress.recoveries else '',
+        counted(progress.recoveries, 'recovery', 'recoveries') if progress.recoveries else '',
     ]
     return '  '.join(filter(None, parts))
 

@@ -19,6 +19,7 @@ from flexbt_console.mirror import (
     Mirror,
     Peer,
     Pose,
+    Progress,
     Severity,
     Snapshot,
     Transit,
@@ -30,6 +31,7 @@ from flexbt_console.present import (
     coloured,
     has_colours,
     log_lines,
+    progress_text,
     status_lines,
     tone_of,
 )
@@ -180,3 +182,8 @@ def test_colours_are_for_terminals_that_want_them(monkeypatch: pytest.MonkeyPatc
     assert coloured(line, has_colours(io.StringIO())) == 'ERROR: broken'
     monkeypatch.setenv('NO_COLOR', '1')
     assert coloured(line, has_colours(FakeTerminal())) == 'ERROR: broken'
+
+
+def test_one_recovery_is_no_plural() -> None:
+    told = [progress_text(Progress(distance=4.24, recoveries=number), {}) for number in (0, 1, 2)]
+    assert told == ['4.2 m', '4.2 m  1 recovery', '4.2 m  2 recoveries']

@@ -3,6 +3,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from .counts import counted
 from .escaping import lines, one_line
 from .excerpts import excerpt, shown
 from .message_text import sendable
@@ -23,6 +24,7 @@ __all__ = [
     'YamlParts',
     'compose_yaml',
     'construct_yaml',
+    'counted',
     'excerpt',
     'hint',
     'line_of',

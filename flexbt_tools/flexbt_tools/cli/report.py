@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from flexbt_core.values import counted
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.tree_checks import Rule, Severity
 
@@ -48,14 +49,10 @@ def report(options: argparse.Namespace, found: Iterable[Reported], noun: str, nu
         for one in shown:
             print(one.line)
         parts = [_counted(count, severity) for severity, count in counts.items() if count]
-        print(f'{_plural(number, noun)}: {", ".join(parts) or "nothing to complain about"}', file=sys.stderr)
+        print(f'{counted(number, noun)}: {", ".join(parts) or "nothing to complain about"}', file=sys.stderr)
     bad = counts[Severity.ERROR] + (counts[Severity.WARNING] if options.strict else 0)
     return ExitCode.NEGATIVE if bad else ExitCode.OK
 
 
 def _counted(count: int, severity: Severity) -> str:
-    return f'{count} {severity.value}' if severity is Severity.INFO else _plural(count, severity.value)
-
-
-def _plural(count: int, noun: str) -> str:
-    return f'{count} {noun}{"" if count == 1 else "s"}'
+    return f'{count} {severity.value}' if severity is Severity.INFO else counted(count, severity.value)

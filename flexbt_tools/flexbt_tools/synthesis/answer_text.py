@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Step, said_answers, said_state, said_world
 from flexbt_core.synthesis.inputs import Problem
-from flexbt_core.values import shown
+from flexbt_core.values import counted, shown
 
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
@@ -29,7 +29,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
         yield 'One course of events:'
         for number, step in enumerate(explanation.steps, 1):
             others = len(step.choices) - 1
-            more = f' (or {others} other{"s" if others > 1 else ""})' if others > 0 else ''
+            more = f' (or {counted(others, "other")})' if others > 0 else ''
             then = f'; then {step.chosen}{more}' if step.chosen else '; then nothing is allowed, because of'
             yield f'  {number:2}. {happening(step)}{then}'
         if explanation.stuck:
