@@ -168,7 +168,8 @@ def test_what_comes_from_another_thread_ends_a_wait(operator: ScriptedOperator, 
     track.add_speed(0.2, 0.0)
     rest = threading.Timer(0.05, track.add_speed, (0.0, 0.0))
     rest.start()
-    assert operator.wait_rest(timeout=60.0) < 20.0
+    operator.wait_rest()
+    assert track.at_rest
     death = threading.Timer(0.05, operator.abandon, ('process navigation ended',))
     death.start()
     with pytest.raises(DemoError, match='process navigation ended'):

@@ -115,7 +115,7 @@ def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
         at.wait(lambda view: view.snapshot.sequence >= sequence + 10)  # that the recorder has heard it, too
         assert at.link.wait_for(lambda _: written(file) or None, DEADLINE, every=0.1), 'nothing is written'
         process.send_signal(end)
-        code = process.wait(10)
+        code = process.wait(DEADLINE)
         assert code == (0 if end == signal.SIGINT else -end)
     return view, logs
 
@@ -213,7 +213,7 @@ def test_a_disk_that_gets_full_ends_the_file_after_a_whole_record_and_the_proces
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, size))
         wait_until(lambda: not token.ready, 'recorder not ready')
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 1
+        assert process.wait(DEADLINE) == 1
     assert file.stat().st_size <= size
     assert run_replay(str(file), '--recover', str(recovered)) == (0, '')
     assert len(indexed(recovered)) == len(written(file)) > 0
@@ -231,7 +231,7 @@ def test_what_is_said_once_the_recorder_is_ready_is_recorded(executives: Any, tm
                 assert at.link.settled(command.id, DEADLINE) is not None
                 wait_until(lambda: has_command(command.id, written(file)), 'the command')  # noqa: B023  # at once
                 process.send_signal(signal.SIGINT)
-                process.wait(10)
+                process.wait(DEADLINE)
             assert has_command(command.id, read_run(file))
 
 

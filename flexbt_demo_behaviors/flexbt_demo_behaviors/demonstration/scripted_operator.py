@@ -198,11 +198,9 @@ class ScriptedOperator:
         self.wait(begun, f'tree node {node} begun', DRIVE_TIMEOUT_S)
         self._tell('sees', f'that the tree has begun {node!r}')
 
-    def wait_rest(self, timeout: float) -> float:
-        """Wait until the robot stands still, and give the seconds of wall time that it took."""
-        before = time.monotonic()
-        self.wait(lambda _view: self.track.at_rest, 'robot at rest', timeout)
-        return time.monotonic() - before
+    def wait_rest(self) -> None:
+        """Wait until the robot stands still; how soon after a stop, benchmarks/robot/latency.py measures."""
+        self.wait(lambda _view: self.track.at_rest, 'robot at rest', ANSWER_TIMEOUT_S)
 
     def wait_end(self, outcome: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
         """Wait until the behavior has ended, by this outcome."""

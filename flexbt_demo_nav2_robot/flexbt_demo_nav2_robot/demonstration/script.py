@@ -11,7 +11,6 @@ from typing import Final
 
 from flexbt_console.mirror import DecisionKind
 from flexbt_demo_behaviors.demonstration import (
-    ANSWER_TIMEOUT_S,
     DRIVE_TIMEOUT_S,
     Box,
     DemoError,
@@ -94,7 +93,7 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
     operator.choose(question, 'go_on')
     operator.wait_driven(1.0)
     operator.stop()
-    operator.wait_rest(ANSWER_TIMEOUT_S)
+    operator.wait_rest()
     question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('stopped on the way', must_reach=False))
     report.take(PREEMPTED)
@@ -115,7 +114,7 @@ def _pause(warehouse: Warehouse) -> None:
         if not response.success:
             raise DemoError(f'the operator {name} the tree: {response.message}')
         if command == ControlTree.Request.PAUSE:
-            warehouse.operator.wait_rest(ANSWER_TIMEOUT_S)
+            warehouse.operator.wait_rest()
     warehouse.operator.wait_driven(1.0)
 
 

@@ -75,7 +75,7 @@ class DurableBench(Operator):
     def wait_end(self) -> int:
         """Wait for the end of the process; gives its exit code."""
         assert self._process is not None
-        return self._process.wait(20.0)
+        return self._process.wait(60.0)
 
     def answer(self, command_id: str) -> CommandResult | None:
         """What is known of a command."""

@@ -59,7 +59,7 @@ class Disk:
 
     def _waiting(self, real: Any) -> Any:
         def wait(descriptor: int) -> None:
-            assert self.goes.wait(30.0)
+            assert self.goes.wait(60.0)
             real(descriptor)
 
         return wait

@@ -106,7 +106,7 @@ class Slow(Behavior):
 
     def create(self) -> OperatableStateMachine:
         BUILDING.set()
-        BUILT.wait(10.0)
+        BUILT.wait(60.0)
         return Multiply().create()
 
 

@@ -390,7 +390,7 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
     bench.wait_active('/One')
     closing = threading.Thread(target=bench.runtime.close)
     closing.start()
-    closing.join(4.0)
+    closing.join(DEADLINE / 2.0)
     assert not closing.is_alive()
     go.set()
     wait_until(lambda: not (run := bench.executive.runs.run) or run.join(0.0), 'thread of the run')

@@ -71,10 +71,10 @@ class UserdataBench(ExecutiveBench):
     def ask(self, path: str = '', *keys: str) -> tuple[ActionCall, Future[Any]]:
         done: Future[Any] = Future()
         goal = GetUserdata.Goal(path=path, keys=list(keys))
-        return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=10.0), done
+        return ActionCall(self._link, goal, on_done=done.set_result, server_timeout=60.0), done
 
     def told(self, path: str = '', *keys: str) -> Any:
-        result = self.ask(path, *keys)[1].result(10.0).result
+        result = self.ask(path, *keys)[1].result(60.0).result
         assert result is not None
         return result
 
@@ -93,7 +93,7 @@ def test_every_active_machine_tells_what_it_has(bench: UserdataBench) -> None:
     idle = bench.told()
     assert (idle.code, idle.message, idle.scopes) == (Result.FAILURE, 'no behavior is running', [])
     bench.start()
-    bench.worker.at_work.wait(10.0)
+    bench.worker.at_work.wait(60.0)
     told = bench.told()
     assert (told.code, told.run_id) == (Result.SUCCESS, bench.run_id)
     assert [scope.path for scope in told.scopes] == ['/', '/Inner']
@@ -106,7 +106,7 @@ def test_every_active_machine_tells_what_it_has(bench: UserdataBench) -> None:
 
 def test_only_what_is_asked_for_is_told_and_what_is_missing_is_named(bench: UserdataBench) -> None:
     bench.start()
-    bench.worker.at_work.wait(10.0)
+    bench.worker.at_work.wait(60.0)
     (scope,) = bench.told('/Inner', 'own').scopes
     assert (scope.path, [entry.key for entry in scope.entries]) == ('/Inner', ['own'])
     assert [scope.path for scope in bench.told('', 'count').scopes] == ['/', '/Inner']
@@ -120,15 +120,15 @@ def test_only_what_is_asked_for_is_told_and_what_is_missing_is_named(bench: User
 def test_a_run_that_is_kept_busy_is_waited_for_and_the_question_can_be_withdrawn(bench: UserdataBench) -> None:
     bench.go_on.clear()
     bench.start()
-    bench.worker.at_work.wait(10.0)
+    bench.worker.at_work.wait(60.0)
     call, withdrawn = bench.ask()
     _, patient = bench.ask()
     wait_until(lambda: call.accepted, 'acceptance')
-    call.cancel(10.0)
-    assert withdrawn.result(10.0).result.code == Result.CANCELED
+    call.cancel(60.0)
+    assert withdrawn.result(60.0).result.code == Result.CANCELED
     assert not patient.done()
     bench.go_on.set()
-    assert patient.result(10.0).result.code == Result.SUCCESS
+    assert patient.result(60.0).result.code == Result.SUCCESS
 
 
 class Writes(EventState):

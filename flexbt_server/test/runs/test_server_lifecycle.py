@@ -119,7 +119,7 @@ def test_running_trees_are_at_rest_when_the_server_is_inactive() -> None:
         world.client.runtime.call(
             lambda: control.call_async(ControlTree.Request()).add_done_callback(lambda _: controlled.set())
         )
-        assert controlled.wait(10.0)
+        assert controlled.wait(60.0)
         world.change('activate')
         again = world.client.execute()  # its trees are still loaded
         wait_until(lambda: len(world.wait.goals) == 4)

@@ -32,7 +32,7 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 def console(*words: str, namespace: str = '', exit_code: int = 0) -> Any:
     """What a command of the console answers."""
-    line = [executable('console'), *words, '--json', '--timeout', '20', '--operator', 'ann']
+    line = [executable('console'), *words, '--json', '--timeout', '50', '--operator', 'ann']
     line += ['--namespace', namespace] if namespace else []
     done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
     assert done.returncode == exit_code, (words, done.stdout, done.stderr)
@@ -77,7 +77,6 @@ def test_the_death_of_the_tree_in_the_middle_stops_what_is_below(stack: Stack) -
         probe = Probe(runtime)
         console('start', 'Inspection', 'duration=1000', '--autonomy', 'high')
         probe.wait_state(ExecutiveStatus.RUNNING)
-        killed = stack.kill('bt_server')
+        stack.kill('bt_server')
         probe.wait_state(ExecutiveStatus.IDLE)
         assert probe.status.outcome == 'preempted'
-        print(f'stopped {time.monotonic() - killed:.1f} s after the death')

@@ -52,7 +52,7 @@ def watching(operator: str) -> Iterator[subprocess.Popen[bytes]]:
 
 def console(operator: str, *words: str, exit_code: int = 0) -> Any:
     """What a command of an operator's console answers; None for an empty list."""
-    line = [executable('console'), *words, '--json', '--timeout', '20', '--operator', operator]
+    line = [executable('console'), *words, '--json', '--timeout', '50', '--operator', operator]
     done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
     assert done.returncode == exit_code, (words, done.stdout, done.stderr)
     return json.loads(done.stdout) if done.stdout else None

@@ -36,8 +36,8 @@ def runtime() -> Iterator[NodeRuntime]:
 
 def shown() -> str:
     """The behavior line of the console."""
-    line = [executable('console'), 'status', '--timeout', '20']
-    done = subprocess.run(line, capture_output=True, text=True, timeout=30.0, env=os.environ, check=False)
+    line = [executable('console'), 'status', '--timeout', '50']
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60.0, env=os.environ, check=False)
     assert done.returncode == 0, done
     return next(line for line in done.stdout.splitlines() if line.startswith('behavior'))
 
@@ -74,7 +74,7 @@ def test_a_manager_brings_the_robot_up_and_down(stack: Stack, runtime: NodeRunti
         assert manager.change('shutdown')
         assert manager.state() == 'finalized'
     for name in MANAGED:
-        ending = stack.end(name, signal.SIGTERM, 10.0)
+        ending = stack.end(name, signal.SIGTERM, 60.0)
         assert ending.exit_code == 0, ending
         assert 'Traceback' not in ending.output
 
@@ -89,7 +89,7 @@ def test_a_signal_ends_a_process_that_is_not_active(
     for label in labels:
         assert manager.change(label)
     assert manager.state() in ('unconfigured', 'inactive', 'finalized')
-    ending = stack.end(name, signal.SIGINT, 10.0)
+    ending = stack.end(name, signal.SIGINT, 60.0)
     assert (ending.exit_code, ending.seconds < 2.5) == (0, True), ending
     assert 'Traceback' not in ending.output and 'leaving without' not in ending.output
 
@@ -99,7 +99,7 @@ def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
 ) -> None:
     wrong = {'nav2_dialect': 'humble', 'use_sim_time': 'false'}
     stack.start('bt_server', wrong)
-    ending = stack.end('bt_server', signal.SIGCONT, 20.0)
+    ending = stack.end('bt_server', signal.SIGCONT, 60.0)
     assert ending.exit_code == 1
     assert "cannot start: parameter 'nav2_dialect': 'humble' is not one of" in ending.output
     stack.start('bt_server', {'autostart': 'false', **wrong})
@@ -107,14 +107,14 @@ def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
     for _ in range(2):
         assert not manager.change('configure')
         assert manager.state() == 'unconfigured'
-    ending = stack.end('bt_server', signal.SIGINT, 10.0)
+    ending = stack.end('bt_server', signal.SIGINT, 60.0)
     assert ending.exit_code == 0
     assert 'unconfigured because of an error: parameter ' in ending.output
 
 
 def test_commands_to_an_executive_that_is_not_configured_are_refused(stack: Stack) -> None:
     stack.start('onboard_executive', {'autostart': 'false', 'use_sim_time': 'false'})
-    line = [executable('console'), 'start', 'Navigate', '--json', '--timeout', '20']
-    done = subprocess.run(line, capture_output=True, text=True, timeout=30.0, env=os.environ, check=False)
+    line = [executable('console'), 'start', 'Navigate', '--json', '--timeout', '50']
+    done = subprocess.run(line, capture_output=True, text=True, timeout=60.0, env=os.environ, check=False)
     assert done.returncode == 3, done
     assert 'unconfigured' in str(json.loads(done.stdout))
