@@ -191,8 +191,8 @@ DEMONSTRATIONS = {
 
 def _put_ahead(operator: ScriptedOperator, simulation: Simulation, name: str, box: Box) -> None:
     """Once the robot drives, put a box on its way, far ahead of it."""
-    operator.wait_driven(0.2)
     with simulation.in_real_time():
+        operator.wait_driven(0.2)
         where = f'a plan that leads over ({box.x:g}, {box.y:g}), where the {name} shall be left'
         operator.wait(lambda _view: _crosses(operator.track.plans[-1:], box), where, ANSWER_TIMEOUT_S)
         simulation.put(name, box)

@@ -64,9 +64,10 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
     operator, simulation = warehouse.operator, warehouse.simulation
 
     operator.expect_goal('shelf')
-    warehouse.start_program()
-    operator.wait_driven(1.0)
-    _pause(warehouse)
+    with simulation.in_real_time():  # at ten times that, an operator who is held up for a second finds the robot there
+        warehouse.start_program()
+        operator.wait_driven(1.0)
+        _pause(warehouse)
     report.take(PAUSED)
     question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
@@ -90,10 +91,11 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
     report.take(REROUTED)
 
     operator.expect_goal('shelf')
-    operator.choose(question, 'go_on')
-    operator.wait_driven(1.0)
-    operator.stop()
-    operator.wait_rest()
+    with simulation.in_real_time():
+        operator.choose(question, 'go_on')
+        operator.wait_driven(1.0)
+        operator.stop()
+        operator.wait_rest()
     question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('stopped on the way', must_reach=False))
     report.take(PREEMPTED)
