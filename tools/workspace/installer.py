@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import os
 import re
 import subprocess
 import sysconfig
@@ -104,6 +105,7 @@ class Installer:
         self._environment = environment
         self._run = run
         self._uv = python.parent / 'uv'
+        self._cache = cache_variables(environment, python.parents[1] / 'cache')
 
     def install(self, requirements: Sequence[Path], constraints: Path, uv: Path) -> None:
         """Installs what the files `requirements` name; the file `uv` names uv. Raises CommandError."""
@@ -111,11 +113,12 @@ class Installer:
         files += ['--constraint', constraints]
         try:
             with step('installer (uv)') as shown:
-                self._run([*self._pip('install'), '--requirement', uv], 'setup-uv.log', 'pip', shown)
-                variables = uv_variables(self._configuration_of_pip(), self._environment)
+                command = [*self._pip('install'), '--requirement', uv]
+                self._run(command, 'setup-uv.log', 'pip', shown, variables=self._cache)
+                variables = self._cache | uv_variables(self._configuration_of_pip(), self._environment)
                 shown.outcome = 'installed'
             with step('ROS 2 and tools (uv)') as shown:
-                command: list[str | Path] = [self._uv, 'pip', 'install', '--python', self._python, *files]
+                command = [self._uv, 'pip', 'install', '--python', self._python, *files]
                 if self._environment.get('PYTHONDONTWRITEBYTECODE'):  # or every start of a program compiles everything
                     command.append('--compile-bytecode')
                 self._run(command, 'setup-install.log', 'uv', shown, progress=progress_of_uv, variables=variables)
@@ -136,6 +139,7 @@ class Installer:
                 shown,
                 remedy=_REMEDY,
                 progress=lambda log: progress_of_pip(log, expected),
+                variables=self._cache,
             )
             shown.outcome = 'installed'
 
@@ -149,6 +153,20 @@ class Installer:
     def _configuration_of_pip(self) -> str:
         words = [str(word) for word in [*self._pip('config'), 'list']]
         return subprocess.run(words, env=dict(self._environment), capture_output=True, text=True).stdout
+
+
+def cache_variables(environment: Mapping[str, str], spare: Path) -> dict[str, str]:
+    """The variable by which uv and pip keep what they download in `spare`, where they could not write to their cache.
+
+    The home of a user of a container may be no directory, or one of somebody else. Without a cache uv does nothing, and
+    pip builds no wheels.
+    """
+    cache = Path(environment.get('XDG_CACHE_HOME') or Path(environment.get('HOME') or Path.home()) / '.cache')
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return {'XDG_CACHE_HOME': str(spare)}
+    return {} if os.access(cache, os.W_OK | os.X_OK) else {'XDG_CACHE_HOME': str(spare)}
 
 
 def uv_variables(configuration: str, environment: Mapping[str, str]) -> dict[str, str]:

@@ -17,8 +17,9 @@ from .terminal import run_logged, step
 from .underlay import clean_environment, detect
 from .virtual_environment import VirtualEnvironment
 
-# ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists.
-_UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]')
+# ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists; CMake
+# reads the lists of files that rosidl writes as ASCII.
+_UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]|[^\x00-\x7f]')
 
 
 class Workspace:
@@ -32,7 +33,7 @@ class Workspace:
         if bad:
             raise WorkspaceError(
                 f'the path of the clone, {layout.root}, contains {bad[0]!r}, which the ROS build tools do not support',
-                'move the clone to a path of letters, digits, and the characters . _ - + @ = ,',
+                'move the clone to a path of letters (a to z), digits, and the characters . _ - + @ = ,',
             )
         self.layout = layout
         self.underlay = detect(environment, layout)

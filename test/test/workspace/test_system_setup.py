@@ -17,7 +17,7 @@ TIMEOUT_S = 120
 sys.path.append(str(ROOT / 'tools'))
 from workspace import terminal  # noqa: E402
 from workspace.errors import CommandError, WorkspaceError  # noqa: E402
-from workspace.installer import Installer, bundled_pip, progress_of_uv, uv_variables  # noqa: E402
+from workspace.installer import Installer, bundled_pip, cache_variables, progress_of_uv, uv_variables  # noqa: E402
 from workspace.terminal import run_logged, step  # noqa: E402
 
 BARE = {'PATH': os.defpath, 'PIP_CONFIG_FILE': os.devnull}
@@ -61,6 +61,15 @@ def test_uv_looks_where_pip_is_told_to_look(tmp_path: Path) -> None:
 def test_a_setting_that_only_pip_knows_is_named() -> None:
     with pytest.raises(WorkspaceError, match='pip is configured with no-binary'):
         uv_variables(":env:.no-binary=':all:'\n", {})
+
+
+def test_a_home_that_is_no_directory_is_no_place_for_downloads(tmp_path: Path) -> None:
+    file = tmp_path / 'file'
+    file.touch()
+    spare = {'XDG_CACHE_HOME': '/spare'}
+    assert cache_variables({'HOME': str(file)}, Path('/spare')) == spare
+    assert cache_variables({'HOME': str(tmp_path), 'XDG_CACHE_HOME': f'{file}/cache'}, Path('/spare')) == spare
+    assert cache_variables({'HOME': str(tmp_path)}, Path('/spare')) == {}
 
 
 def test_without_uv_pip_installs_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

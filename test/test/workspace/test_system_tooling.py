@@ -90,7 +90,7 @@ def test_an_installation_of_ros_without_colcon_and_cmake(machine: Machine) -> No
     assert 'sudo apt-get install cmake python3-colcon-common-extensions' in text
 
 
-@pytest.mark.parametrize('name', ['a space', 'a:colon', "it's"])
+@pytest.mark.parametrize('name', ['a space', 'a:colon', "it's", 'büro'])
 def test_a_path_that_ros_cannot_build_in(tmp_path: Path, name: str) -> None:
     text = Machine(tmp_path, name).refusal()
     assert f'the path of the clone, {tmp_path / name}, contains' in text
