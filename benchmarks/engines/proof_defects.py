@@ -6,8 +6,8 @@ decorator that is missing or too many, another number, key, sub-tree or leaf, a 
 what it did are no defects: all that can happen to both is followed side by side, with what begins, ends and is waited
 for, and how long. The trees as they are must give no alarm.
 
-What is not found leaves all true that is required, and that skills declare: another leaf by the name of the right one,
-another input. ``bt_tool prove --against`` shows all of these to whoever has the version before.
+What is not found leaves all true that is required, and that skills declare. ``bt_tool prove --against`` shows all of
+these to whoever has the version before.
 
 Usage: python3 benchmarks proof_defects [--number N] [--seed N] [--show] [--output FILE.json]
 """
@@ -162,6 +162,16 @@ FETCH: Final = Mission(
         'after grasp_again > FAILURE, =FAILURE before the end',
         'after back > FAILURE, =FAILURE before the end',
         'after drive > FAILURE, =FAILURE before the end',
+        'charged is an IsCharged',
+        'safe is an IsSafe',
+        'plan is a Plan',
+        'plan has goal={goal} and path={path}',
+        'drive is a Drive',
+        'drive has path={path}',
+        'grasp is a Grasp',
+        'back is a BackUp',
+        'grasp_again is a Grasp',
+        'speak is a Speak',
     ),
 )
 DELIVER: Final = Mission(
@@ -200,6 +210,16 @@ DELIVER: Final = Mission(
         'after home/drive > FAILURE, home/clear before the end, up to 1 time',
         'there/plan at most 2 times in 1 s',
         'home/plan at most 2 times in 1 s',
+        'undock is an Undock',
+        'free is a BackUp',
+        'place is a Place',
+        'dock is a Dock',
+        'there/plan is a Plan',
+        'there/drive is a Drive',
+        'there/clear is a Clear',
+        'there/plan has goal={goal}',
+        'home/plan has goal={base}',
+        'there/drive has path={path}',
     ),
 )
 MISSIONS: Final = (FETCH, DELIVER)

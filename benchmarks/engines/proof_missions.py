@@ -70,10 +70,10 @@ def missions() -> Iterator[tuple[str, MachineDefinition]]:
         assert machine is not None
         yield entry.name, machine
     for tree in STOCK_TREES:
-        yield tree.name, define(_under_a_machine(str(tree)))
+        yield tree.name, define(under_a_machine(str(tree)))
 
 
-def _under_a_machine(tree: str) -> OperatableStateMachine:
+def under_a_machine(tree: str) -> OperatableStateMachine:
     machine = OperatableStateMachine(outcomes=['finished', 'failed'])
     machine.userdata.goal = None
     add = OperatableStateMachine.add
