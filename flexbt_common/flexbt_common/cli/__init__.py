@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What command-line programs share."""
 
-from .streams import abandon_stdout, keep_stdout_for_python, make_streams_safe
+from .streams import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, tells_full_output
 from .user_files import USER_DIRECTORY, home_path, node_file
 
-__all__ = ['USER_DIRECTORY', 'abandon_stdout', 'home_path', 'keep_stdout_for_python', 'make_streams_safe', 'node_file']
+__all__ = [
+    'USER_DIRECTORY',
+    'abandon_stdout',
+    'home_path',
+    'is_full',
+    'keep_stdout_for_python',
+    'make_streams_safe',
+    'node_file',
+    'tells_full_output',
+]

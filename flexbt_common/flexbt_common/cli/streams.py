@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
+from typing import Final
+
+_FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def make_streams_safe() -> None:
@@ -19,6 +23,20 @@ def make_streams_safe() -> None:
 def abandon_stdout() -> None:
     """To be called when nobody reads the output any more: nothing may be written any more, at the end neither."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def is_full(error: OSError) -> bool:
+    """Whether an error says that something does not fit onto a disk."""
+    return error.errno in _FULL
+
+
+def tells_full_output(program: str, error: OSError) -> bool:
+    """Whether an error is that the output does not fit onto its disk; it is told then, and nothing more is written."""
+    if not is_full(error):
+        return False
+    abandon_stdout()
+    print(f'{program}: the output is not whole: {error.strerror}', file=sys.stderr)
+    return True
 
 
 def keep_stdout_for_python() -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_common.cli import abandon_stdout, keep_stdout_for_python, make_streams_safe
+from flexbt_common.cli import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, tells_full_output
 from flexbt_console.commands import (
     SCAN_PERIOD,
     CommandBuilder,
@@ -86,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         line = parse(words)
         if line.has('--help'):
             print(overview() if line.spec is None else command_help(line.spec))
+            _flush()
             return ExitCode.OK
         if line.spec is None:
             if not sys.stdin.isatty():
@@ -104,6 +105,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
+    except OSError as error:
+        if not tells_full_output('console', error):
+            raise
+        return ExitCode.FAULT
 
 
 def _can_show_screen() -> bool:
@@ -114,10 +119,10 @@ def _can_show_screen() -> bool:
 def _flush() -> None:
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError:  # the terminal is gone
-        abandon_stdout()
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or is_full(error):
+            raise
+        abandon_stdout()  # the terminal is gone
 
 
 def _run(line: CommandLine) -> ExitCode:

@@ -37,6 +37,15 @@ def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> sub
     return subprocess.CompletedProcess(command, process.returncode, output, errors)
 
 
+def test_an_output_that_does_not_fit_onto_its_disk_is_told(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with open('/dev/full', 'w') as full:  # noqa: PTH123
+        monkeypatch.setattr(sys, 'stdout', full)
+        assert main(['--help']) == ExitCode.FAULT
+    assert capfd.readouterr().err == 'console: the output is not whole: No space left on device\n'
+
+
 @pytest.fixture
 def executive(executives: Any) -> ScriptedExecutive:
     started = executives(NAMESPACE)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe
+from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe, tells_full_output
 from flexbt_core.values import one_line
 
 from .event_log import newest_log, rotated
@@ -38,10 +38,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(json.dumps(as_json(chosen[0]), allow_nan=False))
         else:
             print('\n'.join(as_text(chosen[0])))
+        sys.stdout.flush()
     except BrokenPipeError:
         abandon_stdout()
     except OSError as error:
-        print(f'run_report: {error}', file=sys.stderr)
+        if not tells_full_output('run_report', error):
+            print(f'run_report: {error}', file=sys.stderr)
         return 2
     return 0
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_common.cli import abandon_stdout, make_streams_safe
+from flexbt_common.cli import abandon_stdout, make_streams_safe, tells_full_output
 from flexbt_core.values import lines
 from flexbt_tools.errors import ExitCode, ToolError
 
@@ -45,6 +45,10 @@ def run_command(
     except BrokenPipeError:
         abandon_stdout()
         return ExitCode.OK
+    except OSError as error:
+        if not tells_full_output(program, error):
+            raise
+        return ExitCode.USAGE
     return code
 
 

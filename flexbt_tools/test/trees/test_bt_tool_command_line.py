@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from flexbt_testing.behavior_trees.bt_tool import document, tool
-from flexbt_tools.cli.bt_tool import COMMANDS, EXIT_CODES
+from flexbt_tools.cli.bt_tool import COMMANDS, EXIT_CODES, main
+from flexbt_tools.errors import ExitCode
 from flexbt_tools.tree_checks import RULES
 
 PAGE = (Path(__file__).parents[3] / 'docs' / 'reference' / 'bt_tool.md').read_text(encoding='utf-8')
@@ -84,6 +85,16 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
         process.stdout.close()
         assert process.stderr.read() == ''
     assert process.returncode == 0
+
+
+def test_an_output_that_does_not_fit_onto_its_disk_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    tree = write(tmp_path, '<AlwaysSuccess/>')
+    with open('/dev/full', 'w') as full:  # noqa: PTH123
+        monkeypatch.setattr(sys, 'stdout', full)
+        assert main(['show', tree]) == ExitCode.USAGE
+    assert capfd.readouterr().err == 'bt_tool: the output is not whole: No space left on device\n'
 
 
 def test_it_reads_from_a_pipe_and_writes_to_one_that_is_not_utf_8() -> None:
