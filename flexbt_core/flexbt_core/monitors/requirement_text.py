@@ -128,11 +128,6 @@ def parse_requirement(text: str, place: str) -> Stated:
     told = ' '.join(text.split())
     if len(told) > LONGEST:
         raise RequirementError([f'{place}: a requirement has at most {LONGEST} characters, not {len(told)}'])
-    if (match := _IS_A.fullmatch(told)) is not None:
-        return Stated(IsA(_event(match[1]), match[2]), place)
-    if (match := _HAS.fullmatch(told)) is not None:
-        values = [part.partition('=') for part in _NEXT.split(match[2])]
-        return Stated(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
     for form, make in _FORMS:
         match = re.fullmatch(form, told)
         if match is not None:
@@ -141,6 +136,11 @@ def parse_requirement(text: str, place: str) -> Stated:
             if problem:
                 raise RequirementError([f'{place}: "{told}": {problem}'])
             return Stated(made, place)
+    if (match := _IS_A.fullmatch(told)) is not None:
+        return Stated(IsA(_event(match[1]), match[2]), place)
+    if (match := _HAS.fullmatch(told)) is not None:
+        values = [part.partition('=') for part in _NEXT.split(match[2])]
+        return Stated(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
     raise RequirementError([f'{place}: "{told}" is no requirement; write one of {_EXAMPLES}'])
 
 

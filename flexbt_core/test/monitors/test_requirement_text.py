@@ -44,6 +44,7 @@ TEXTS: dict[str, Requirement] = {
     '=ended only with x and y written': Written('=ended', ('x', 'y')),
     '=ended is always still possible': Possible('=ended'),
     'dock is a Dock': IsA('dock', 'Dock'),
+    'never Door is a Jar': Never('Door is a Jar'),
     'Drive to dock has path={path} and server_name=a and b': Has(
         'Drive to dock', (('path', '{path}'), ('server_name', 'a and b'))
     ),
