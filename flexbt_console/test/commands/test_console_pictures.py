@@ -27,6 +27,7 @@ from flexbt_console.mirror import (
     Trees,
     View,
 )
+from flexbt_console.pictures import ASCII, MapCanvas
 
 RUNNING, FAILURE, IDLE = NodeStatus.RUNNING, NodeStatus.FAILURE, NodeStatus.IDLE
 NODES = [
@@ -131,3 +132,17 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     for file in (tmp_path, tmp_path / 'no' / 'map.png', Path('x' * 5000)):
         with pytest.raises(ConsoleError, match='cannot be written'):
             shown(robot(), 'map', '--png', str(file))
+
+
+def test_names_of_places_cover_neither_each_other_nor_their_signs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('FLEXBT_ASCII', '1')
+    names = {'alpha_dock': 1.0, 'archive_door': 1.9, 'beta_dock': 2.6, 'lobby': 3.4}
+    places = {name: Pose(x, 1.0) for name, x in names.items()}
+    grid = GridMap(80, 40, 0.05, 0.0, 0.0, bytes(3200))
+    for columns in (24, 32, 60):
+        _, cells = MapCanvas(ASCII).draw(Surroundings(map=grid), None, places, None, columns, 12)
+        drawn = [''.join(sign for sign, _ in row) for row in cells]
+        assert sum(line.count('@') for line in drawn) == 4
+        words = [word for line in drawn for word in line.replace('@', ' ').split()]
+        assert all(any(name.startswith(word.rstrip('~')) for name in names) for word in words), drawn
+        assert columns < 60 or sorted(words) == sorted(names)
