@@ -6,9 +6,10 @@ The set-up of the workspace runs it. Without it the first processes compile them
 
 from __future__ import annotations
 
-from flexbt_sim.navigation import prepare_navigation
+from flexbt_sim.navigation import Steering, prepare_navigation
 from flexbt_sim.world import prepare_world
 
 if __name__ == '__main__':
     prepare_world()
     prepare_navigation()
+    prepare_navigation(Steering(turning_radius=0.1))

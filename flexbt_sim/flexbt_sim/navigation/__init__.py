@@ -4,8 +4,9 @@
 from .behaviors import ROLL_TIME, AssistedTeleop, DriveMotion, SpinMotion
 from .collision_monitor import slowed
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
-from .layers import LayeredCostmap, Observation, ObstacleRanges
-from .motions import LOOK_AHEAD, STOP, Motion, TurnLimits, Velocity, collides
+from .hybrid_planner import HybridPlanner, planner_for
+from .layers import LayeredCostmap, Observation, ObstacleRanges, local_size
+from .motions import LOOK_AHEAD, STOP, Motion, Steering, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag
@@ -28,6 +29,7 @@ __all__ = [
     'DriveMotion',
     'FollowerLimits',
     'GridPlanner',
+    'HybridPlanner',
     'Inflation',
     'LayeredCostmap',
     'Motion',
@@ -39,12 +41,15 @@ __all__ = [
     'ProgressChecker',
     'Smoothing',
     'SpinMotion',
+    'Steering',
     'StopFlag',
     'Track',
     'Trip',
     'TurnLimits',
     'Velocity',
     'collides',
+    'local_size',
+    'planner_for',
     'prepare_navigation',
     'slowed',
     'smooth_path',

@@ -89,7 +89,8 @@ class Box:
 class Costmap:
     """Cost of each cell for the centre of the robot: 0 to 252, 253 in collision, 254 obstacle. Unknown is free.
 
-    ``world`` has the geometry of the grid; ``obstacles`` are those of the world, unless others are given.
+    ``world`` has the geometry of the grid; ``obstacles`` are those of the world, unless others are given; ``squares``
+    are the squared gaps of the cells, see :mod:`.kernels`.
     """
 
     def __init__(self, world: OccupancyMap, inflation: Inflation, obstacles: Bools | None = None) -> None:
@@ -98,19 +99,19 @@ class Costmap:
         self.obstacles: Bools = world.obstacles if obstacles is None else obstacles
         reach = math.ceil(max(inflation.radius, inflation.outer_radius) / world.resolution) + 1
         self._reach = min(reach, max(self.obstacles.shape))
-        self._squares, self.costs = self._inflated(Box(0, world.height, 0, world.width))
+        self.squares, self.costs = self._inflated(Box(0, world.height, 0, world.width))
 
     def copy(self) -> Costmap:
         """As it is now; for another thread, or for obstacles of its own."""
         other = object.__new__(Costmap)
         other.world, other.inflation, other._reach = self.world, self.inflation, self._reach
-        other.obstacles, other._squares, other.costs = self.obstacles.copy(), self._squares.copy(), self.costs.copy()
+        other.obstacles, other.squares, other.costs = self.obstacles.copy(), self.squares.copy(), self.costs.copy()
         return other
 
     def refresh(self, box: Box) -> None:
         """``obstacles`` were changed in a box: compute anew what is near it."""
         near = box.grown(self._reach, self.obstacles.shape)
-        self._squares[near.cells], self.costs[near.cells] = self._inflated(near)
+        self.squares[near.cells], self.costs[near.cells] = self._inflated(near)
         self.__dict__.pop('regions', None)
 
     def _inflated(self, box: Box) -> tuple[Squares, Costs]:
@@ -152,9 +153,9 @@ class Costmap:
         depth = max(0.0, radius - self.clearance(pose.x, pose.y, radius))
         return depth + self._touched(pose) * self.world.resolution**2 if self.inflation.corners else depth
 
-    def _touched(self, pose: Pose) -> int:
-        """How many obstacle cells the polygon touches."""
-        gaps = self._outline_gaps(pose, self.inflation.outer_radius)
+    def _touched(self, pose: Pose, on_map: bool | None = None) -> int:
+        """How many obstacle cells the polygon touches; of those that are ``on_map``, or are not."""
+        gaps = self._outline_gaps(pose, self.inflation.outer_radius, on_map)
         return int(numpy.count_nonzero(gaps < self.world.resolution * math.sqrt(0.5)))
 
     def gap_seen(self, pose: Pose, within: float) -> float:
@@ -198,16 +199,19 @@ class Costmap:
         world = self.world
         row, column = world.grid_position(x, y)
         r, c = (min(max(math.floor(at), 0), size - 1) for at, size in zip((row, column), self.costs.shape, strict=True))
-        known = math.sqrt(self._squares[r, c]) / 2.0 - math.hypot(row - r - 0.5, column - c - 0.5)
+        known = math.sqrt(self.squares[r, c]) / 2.0 - math.hypot(row - r - 0.5, column - c - 0.5)
         return known * world.resolution >= radius or self.clearance(x, y, radius) >= radius
 
     def clearance(self, x: float, y: float, within: float) -> float:
         """Distance from a point to the nearest obstacle, m, exactly; infinite where none is nearer than ``within``."""
         return self._distance(x, y, within)
 
-    def is_free_on_map(self, x: float, y: float, radius: float) -> bool:
-        """Whether a circle overlaps no obstacle of the static map, whatever else was seen."""
-        return self._distance(x, y, radius, on_map=True) >= radius
+    def touches_map(self, pose: Pose) -> bool:
+        """Whether the robot would overlap an obstacle of the static map there, whatever else was seen."""
+        radius = self.inflation.robot_radius
+        if self._distance(pose.x, pose.y, radius, on_map=True) < radius:
+            return True
+        return bool(self.inflation.corners) and self._touched(pose, on_map=True) > 0
 
     def _distance(self, x: float, y: float, within: float, on_map: bool | None = None) -> float:
         row, column = self.world.grid_position(x, y)
@@ -231,16 +235,16 @@ class Costmap:
     def known_distance(self, x: float, y: float) -> float:
         """Distance from the cell of a point to the nearest obstacle, m; infinite beyond the reach of the inflation."""
         cell = self.world.cell(x, y)
-        if not self.world.contains(*cell) or self._squares[cell] > 4 * self._reach**2:
+        if not self.world.contains(*cell) or self.squares[cell] > 4 * self._reach**2:
             return math.inf
-        return math.sqrt(self._squares[cell]) * self.world.resolution / 2.0
+        return math.sqrt(self.squares[cell]) * self.world.resolution / 2.0
 
     def is_clear(self, start: Position, end: Position, radius: float) -> bool:
         """Whether a circle, of a radius in m, can move straight from one position to the other.
 
         Never wrongly true; wrongly false at most where it has less than a cell to spare.
         """
-        return bool(loops().is_clear(self.obstacles, self._squares, start, end, radius / self.world.resolution))
+        return bool(loops().is_clear(self.obstacles, self.squares, start, end, radius / self.world.resolution))
 
     def mean_cost(self, start: Position, end: Position) -> float:
         """Mean cost of the cells along a straight line between two positions on the map."""

@@ -14,12 +14,22 @@ from numpy.typing import NDArray
 from flexbt_sim.world import OccupancyMap, Pose
 
 from .acceleration import loops
-from .costmap import Box, Costmap
+from .costmap import Box, Costmap, Inflation
 from .kernels import Bools
 
 KNOWN_TOLERANCE: Final = 0.03
 """How far from an obstacle of the static map, m, a beam may end that was reflected by it: three standard deviations of
 the noise of a lidar. Nav2 marks such points too; they would make each passage a cell narrower on both sides."""
+
+
+LOCAL_SIZE: Final = 3.0
+ROUND_ROBOT: Final = 1.0
+"""Width of the local costmap, m, and how much of it is on each side of a large robot at least."""
+
+
+def local_size(inflation: Inflation) -> float:
+    """Width of the local costmap of a robot, m."""
+    return max(LOCAL_SIZE, 2.0 * (inflation.outer_radius + ROUND_ROBOT))
 
 
 @dataclass(frozen=True)

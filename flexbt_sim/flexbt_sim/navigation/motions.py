@@ -64,6 +64,14 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True)
+class Steering:
+    """The least radius of a bend, m, 0 for a robot that turns on the spot; and whether it drives backward."""
+
+    turning_radius: float = 0.0
+    reverses: bool = True
+
+
+@dataclass(frozen=True)
 class TurnLimits:
     """Angular speeds of turns on the spot, rad/s, and their acceleration, rad/s²."""
 

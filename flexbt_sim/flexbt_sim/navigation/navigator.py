@@ -21,10 +21,10 @@ from flexbt_sim.world import OccupancyMap, Pose, World, compose
 
 from .behaviors import DriveMotion, SpinMotion
 from .costmap import Costmap, Inflation
-from .layers import LayeredCostmap, Observation
+from .hybrid_planner import planner_for
+from .layers import LayeredCostmap, Observation, local_size
 from .motions import STOP, Motion, Velocity
 from .path_follower import FollowerLimits, PathFollower
-from .planner import GridPlanner
 
 PERIOD: Final = 0.05
 """Time from command to command, s: 20 Hz, as Nav2's controller server."""
@@ -32,9 +32,6 @@ PERIOD: Final = 0.05
 PLAN_PERIOD: Final = 1.0
 GLOBAL_PERIOD: Final = 1.0
 LOCAL_PERIOD: Final = 0.2
-LOCAL_SIZE: Final = 3.0
-"""Of the local costmap, m."""
-
 RETRIES: Final = 6
 """How often a recovery is tried."""
 
@@ -79,12 +76,13 @@ class Navigator:
             raise NavigationError('UNKNOWN', 'there is no map: give a world that has one, or the map that is known')
         self._world = world
         self._robot = world.robots[robot]
-        self._limits = limits or FollowerLimits()
+        self._limits = limits or FollowerLimits.of(self._robot.model.drive)
         costmap = known if isinstance(known, Costmap) else Costmap(known, Inflation.of(self._robot.model.footprint))
         self._global = LayeredCostmap(costmap)
-        self._local = LayeredCostmap(costmap, window=LOCAL_SIZE)
+        self._local = LayeredCostmap(costmap, window=local_size(costmap.inflation))
         self._observed = {LOCAL_PERIOD: -math.inf, GLOBAL_PERIOD: -math.inf}
         self._plan_seconds = plan_seconds
+        self._path: list[Pose] = []
         self._under_way = deque([STOP] * latency)
         lidar = self._robot.model.lidar
         if lidar is not None:
@@ -143,14 +141,15 @@ class Navigator:
 
     def _planned(self, trip: Trip) -> list[Pose]:
         trip.plans += 1
-        planner = GridPlanner(self._global.costmap)
+        planner = planner_for(self._global.costmap, self._limits.steering, before=self._path)
         try:
-            return planner.plan(self._robot.estimate, trip.goal)
+            self._path = planner.plan(self._robot.estimate, trip.goal)
         except NavigationError as error:
             if error.code not in RECOVERABLE:
                 raise
             self._global.clear()
-            return planner.plan(self._robot.estimate, trip.goal)
+            self._path = planner.plan(self._robot.estimate, trip.goal)
+        return self._path
 
     def _step(self, motion: Motion, trip: Trip | None = None) -> bool:
         """One period of a motion; whether it is complete."""
@@ -188,7 +187,7 @@ class Navigator:
         return True
 
     def _spin(self) -> bool:
-        return self._complete(SpinMotion(1.57, 10.0, self._local.costmap))
+        return not self._limits.turning_radius and self._complete(SpinMotion(1.57, 10.0, self._local.costmap))
 
     def _back_up(self) -> bool:
         return self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap))

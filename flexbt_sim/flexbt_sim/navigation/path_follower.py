@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
 import numpy
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, compose, wrap
+from flexbt_sim.world import DriveModel, Pose, compose, wrap
 
 from .costmap import Costmap
-from .motions import STOP, KeepingApart, TurnLimits, Velocity, collides
-from .track import Track
+from .motions import STOP, KeepingApart, Steering, TurnLimits, Velocity, collides
+from .track import Leg, Track, drivable_legs
 
 SEARCH_DISTANCE: Final = 1.5
 """How far along the path, m, the robot may have come from one step to the next; the path may cross itself."""
@@ -31,10 +31,22 @@ HELD_UP: Final = 0.5
 """Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
 controller."""
 
+END_OF_LEG: Final = 0.02
+"""Distance, m, from where a car changes direction, or from the end, at which it is there."""
+
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
 NEAREST_LOOKAHEAD: Final = 0.05
 """Distance, m, of the nearest point that the robot is directed to."""
+
+
+CAR_SPEED: Final = 0.3
+BRAKING_TIME: Final = 1.5
+"""Speed of a car, in its turning radii for each second; and for how long it slows down before it stops, s."""
+
+CLOSE: Final = 0.3
+CLOSE_TIME: Final = 0.5
+"""How far ahead on a path that it can drive a car is directed, in its turning radii, and s of driving at least."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +59,10 @@ class FollowerLimits:
     A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
     ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
 
-    With a ``turning_radius`` the robot steers as a car does: no bend is narrower, nothing is turned on the spot, and
-    the point that it is directed to is no nearer than that. A goal whose heading it does not have there is not reached.
+    With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
+    path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
+    away from where it leads, if the robot ``reverses``; on another path the point that it is directed to is no nearer
+    than the radius. A goal whose heading it does not have there is not reached.
     """
 
     speed: float = 0.26
@@ -69,6 +83,26 @@ class FollowerLimits:
     patience: float = 0.3
     collision_time: float = 1.0
     turning_radius: float = 0.0
+    reverses: bool = True
+
+    @property
+    def steering(self) -> Steering:
+        """For the planner."""
+        return Steering(self.turning_radius, self.reverses)
+
+    @classmethod
+    def of(cls, drive: DriveModel) -> FollowerLimits:
+        """For a robot of the simulated world. A car goes faster than a small robot, and brakes earlier."""
+        radius = drive.turning_radius
+        if not radius:
+            return cls(speed=min(cls.speed, drive.linear_speed))
+        speed = min(drive.linear_speed, max(cls.speed, CAR_SPEED * radius))
+        return cls(
+            speed=speed,
+            approach_distance=max(cls.approach_distance, BRAKING_TIME * speed),
+            angular_speed=min(cls.angular_speed, drive.angular_speed),
+            turning_radius=radius,
+        )
 
 
 class ProgressChecker:
@@ -144,8 +178,10 @@ class PathFollower:
         """
         if not path or not all(map(math.isfinite, chain.from_iterable(path))):
             raise NavigationError('INVALID_PATH', 'the path has no poses' if not path else 'a pose is not finite')
-        self._given = path[-1], Track(path)
-        self._goal, self._track = self._given
+        legs = drivable_legs(path, limits.turning_radius) if limits.turning_radius else []
+        self._is_close = bool(legs) and (limits.reverses or not any(leg.backward for leg in legs))
+        self._given = path[-1], legs if self._is_close else [Leg(Track(path))]
+        self._goal, self._legs = path[-1], list(self._given[1])
         self._drift, self._drifted = drift, STILL
         self._costmap = costmap
         self._limits = limits
@@ -162,7 +198,12 @@ class PathFollower:
         self.speed: float = 0.0 if before is None else before.speed
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""
-        self.distance_to_goal = self._track.length
+        self.distance_to_goal = self._left = sum(leg.track.length for leg in self._legs)
+
+    @property
+    def _track(self) -> Track:
+        """The part of the path that is driven now."""
+        return self._legs[0].track
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`flexbt_sim.navigation.motions.Motion`.
@@ -174,10 +215,16 @@ class PathFollower:
         limits = self._limits
         self._move(self._drift())
         self._at = self._nearest(pose)
+        if self._is_close and len(self._legs) > 1 and self._track.length - self._at <= END_OF_LEG:
+            del self._legs[0]
+            self._at = 0.0
         left = self._track.length - self._at
-        self.distance_to_goal = math.dist(pose[:2], self._track.point(self._at)) + left
-        near_end = left <= 2.0 * limits.xy_tolerance
+        self._left = math.dist(pose[:2], self._track.point(self._at)) + left
+        self.distance_to_goal = self._left + sum(leg.track.length for leg in self._legs[1:])
+        near_end = left <= 2.0 * limits.xy_tolerance and len(self._legs) == 1
         self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= limits.xy_tolerance)
+        if self._is_close and left > END_OF_LEG and abs(wrap(self._goal.yaw - pose.yaw)) > limits.yaw_tolerance:
+            self._at_goal = False  # its heading is that of the goal at the end only
         self.progress.check(pose, now, self._at_goal)
         if limits.turning_radius:
             self._circles.check(pose.yaw, self.distance_to_goal)
@@ -199,6 +246,12 @@ class PathFollower:
                 if collides(self._costmap, pose, turn, seconds)
                 else self._apart.limited(self._costmap, pose, turn, now)
             )
+        elif self._is_close and len(self._legs) == 1 and left <= END_OF_LEG:
+            raise NavigationError(
+                'NO_VALID_CONTROL',
+                f'the robot is at the end of its path, {pose.distance(self._goal):.2f} m beside the goal, and cannot '
+                'move aside: plan a path from here, or give a greater xy_goal_tolerance',
+            )
         else:
             velocity = self._pursue(pose, now)
         if velocity is None:
@@ -210,8 +263,9 @@ class PathFollower:
 
     def _move(self, drifted: Pose) -> None:
         if drifted != self._drifted:
-            goal, track = self._given
-            self._goal, self._track, self._drifted = compose(drifted, goal), track.moved(drifted), drifted
+            goal, legs = self._given
+            left = [replace(leg, track=leg.track.moved(drifted)) for leg in legs[-len(self._legs) :]]
+            self._goal, self._legs, self._drifted = compose(drifted, goal), left, drifted
 
     def _nearest(self, pose: Pose) -> float:
         """Where on the path the robot is: not much farther than it was, unless this is its first step on the path."""
@@ -233,6 +287,8 @@ class PathFollower:
     def _pursue(self, pose: Pose, now: float) -> Velocity | None:
         """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
         limits = self._limits
+        if self._is_close:
+            return self._pursue_closely(pose, now)
         reach = min(limits.lookahead_max, max(limits.lookahead_min, self.speed * limits.lookahead_time))
         reach = max(reach, limits.turning_radius)
         end = self._at + reach
@@ -246,10 +302,34 @@ class PathFollower:
             reach /= 2.0
         return None
 
+    def _pursue_closely(self, pose: Pose, now: float) -> Velocity | None:
+        """Along a path that the robot can drive, and on straight beyond its end; slower where something is ahead."""
+        limits, track, backward = self._limits, self._track, self._legs[0].backward
+        heading = track.heading(self._at) + (math.pi if backward else 0.0)
+        beside = math.dist(pose[:2], track.point(self._at)) + limits.turning_radius * abs(wrap(heading - pose.yaw))
+        # Who is not on the path, as where it was planned from another heading, gets there in a wide bend.
+        reach = max(CLOSE * limits.turning_radius, CLOSE_TIME * abs(self.speed), min(limits.turning_radius, beside))
+        beyond = max(0.0, self._at + reach - track.length)
+        heading = track.heading(track.length)
+        x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
+        carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
+        facing = Pose(pose.x, pose.y, wrap(pose.yaw + math.pi)) if backward else pose
+        velocity = self._towards(facing, carrot)
+        if backward:
+            velocity = Velocity(-velocity.linear, velocity.angular)
+        while collides(self._costmap, pose, velocity, limits.collision_time):
+            if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
+                return None
+            share = max(0.5, limits.approach_speed / abs(velocity.linear))
+            velocity = Velocity(velocity.linear * share, velocity.angular * share)
+        return self._apart.limited(self._costmap, pose, velocity, now)
+
     def _is_free_until(self, end: float) -> bool:
         """Whether the path itself is free for so far, m from its beginning."""
-        places = numpy.arange(self._at, min(end, self._track.length), self._costmap.world.resolution)
-        return not any(self._costmap.in_collision(Pose(*self._track.point(at), 0.0)) for at in places)
+        track, turn = self._track, math.pi if self._legs[0].backward else 0.0
+        places = numpy.arange(self._at, min(end, track.length), self._costmap.world.resolution)
+        poses = (Pose(*track.point(at), track.heading(at) + turn) for at in places)
+        return not any(map(self._costmap.in_collision, poses))
 
     def _towards(self, pose: Pose, carrot: Pose) -> Velocity:
         limits = self._limits
@@ -266,8 +346,8 @@ class PathFollower:
         bend = abs(curvature) * limits.curvature_radius
         near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
         speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
-        if self.distance_to_goal < limits.approach_distance:
-            speed = max(limits.approach_speed, speed * self.distance_to_goal / limits.approach_distance)
+        if self._left < limits.approach_distance:
+            speed = max(limits.approach_speed, speed * self._left / limits.approach_distance)
         if limits.turning_radius and abs(speed * curvature) > limits.angular_speed:
             speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))

@@ -95,20 +95,24 @@ class GridPlanner:
             raise NavigationError('START_OCCUPIED', f'the start ({start.x:.2f}, {start.y:.2f}) is in an obstacle')
         if target is None or costmap.regions[target] != costmap.regions[source]:
             reason = NavigationError('NO_VALID_PATH', f'no way leads to the goal ({goal.x:.2f}, {goal.y:.2f})')
-            near = self._nearest_reachable(end, source)
+            near = self._nearest_reachable(end, source, goal.yaw)
             if near is None:
                 raise reason if target is not None else self._occupied(goal)
-            target, end = near, (near[0] + 0.5, near[1] + 0.5)
-            goal = Pose(*costmap.world.point(*near), goal.yaw)
+            target, goal = near, Pose(*costmap.world.point(*near), goal.yaw)
+        return self._way(start, source, goal, target, stop)
+
+    def _way(self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag) -> list[Pose]:
+        """A path, where one over cells leads from the one near the start to the one near the goal."""
         cells = self._search(source, target, stop)
+        begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (start, goal))
         corners = self._pull_straight(begin, cells, end, stop)
-        points = [costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
+        points = [self._costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
 
     def _occupied(self, goal: Pose) -> NavigationError:
         """What the map has there stays; what was seen there may go away, and trees wait for that and try again."""
         place = f'the goal ({goal.x:.2f}, {goal.y:.2f})'
-        if self._costmap.is_free_on_map(goal.x, goal.y, self._costmap.inflation.robot_radius):
+        if not self._costmap.touches_map(goal):
             return NavigationError('NO_VALID_PATH', f'{place} is covered by an obstacle that is seen there')
         return NavigationError('GOAL_OCCUPIED', f'{place} is in collision with an obstacle')
 
@@ -139,11 +143,18 @@ class GridPlanner:
                 return row, column
         return None
 
-    def _nearest_reachable(self, position: Position, source: Cell) -> Cell | None:
-        """The nearest cell to which there is a way, within the tolerance."""
-        regions = self._costmap.regions
+    def _nearest_reachable(self, position: Position, source: Cell, yaw: float) -> Cell | None:
+        """The nearest cell to which there is a way, and where the robot fits with a heading, within the tolerance."""
+        costmap, regions = self._costmap, self._costmap.regions
         near = self._nearest_first(position, self._tolerance) if self._tolerance else []
-        return next((cell for cell in near if regions[cell] == regions[source]), None)
+        return next(
+            (
+                cell
+                for cell in near
+                if regions[cell] == regions[source] and not costmap.in_collision(Pose(*costmap.world.point(*cell), yaw))
+            ),
+            None,
+        )
 
     def _nearest_first(self, position: Position, distance: float) -> list[Cell]:
         """The free cells of a square round a position, ``distance`` in m to each side."""

@@ -7,12 +7,19 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from copy import copy
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
+from typing import Final
 
-from flexbt_sim.world import Pose, compose
+from flexbt_sim.world import Pose, compose, wrap
 
 Point = tuple[float, float]
 """x and y, m."""
+
+
+SAME_PLACE: Final = 1e-3
+SAME_HEADING: Final = 0.02
+"""Differences, m and rad, that poses of a path may have from how it is driven: others may have rounded them."""
 
 
 class Track:
@@ -40,6 +47,14 @@ class Track:
         (x, y), (to_x, to_y) = self._corners[after - 1], self._corners[after]
         share = (at - self._at[after - 1]) / (self._at[after] - self._at[after - 1])
         return x + share * (to_x - x), y + share * (to_y - y)
+
+    def heading(self, at: float) -> float:
+        """Where it leads at a distance from the beginning, rad; 0 for a track without length."""
+        index = min(max(bisect_right(self._at, at), 1), len(self._at) - 1)
+        while index > 1 and self._at[index] == self._at[index - 1]:
+            index -= 1
+        (x, y), (to_x, to_y) = self._corners[index - 1], self._corners[index]
+        return math.atan2(to_y - y, to_x - x)
 
     def nearest(self, pose: Pose, begin: float, end: float) -> float:
         """Where, between two distances from the beginning, the track comes nearest to a position."""
@@ -81,3 +96,33 @@ class Track:
                 break
             yield self._at[index], self._corners[index]
         yield last, self.point(last)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A part of a path that is driven in one direction."""
+
+    track: Track
+    backward: bool = False
+
+
+def drivable_legs(path: Sequence[Pose], turning_radius: float) -> list[Leg]:
+    """The parts of a path between changes of direction; none where a robot cannot drive it as its poses say: where it
+    would have to turn on the spot, or bend more than the radius, m, allows.
+    """
+    corners: list[list[Pose]] = []
+    backward: list[bool] = []
+    for a, b in pairwise(path):
+        length, turned = a.distance(b), abs(wrap(b.yaw - a.yaw))
+        if length < SAME_PLACE and turned < SAME_HEADING:
+            continue
+        ahead = a.bearing(b.x, b.y) - wrap(b.yaw - a.yaw) / 2.0
+        aside = min(abs(wrap(ahead)), abs(wrap(ahead + math.pi)))
+        if turned > length / turning_radius + SAME_HEADING or aside > SAME_HEADING + SAME_PLACE / max(length, 1e-9):
+            return []
+        is_back = abs(wrap(ahead)) > math.pi / 2.0
+        if not backward or is_back != backward[-1]:
+            backward.append(is_back)
+            corners.append([a])
+        corners[-1].append(b)
+    return [Leg(Track(part), back) for part, back in zip(corners, backward, strict=True)]

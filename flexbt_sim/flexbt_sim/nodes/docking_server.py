@@ -24,7 +24,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import STOP, Costmap, GridPlanner, PathFollower, Velocity
+from flexbt_sim.navigation import STOP, Costmap, PathFollower, Velocity, planner_for
 from flexbt_sim.ros_messages import stamped
 from flexbt_sim.server_common import (
     CANCELED,
@@ -269,7 +269,7 @@ class DockGoal:
         if not self._goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
             self._drive(None)
             return
-        planner = GridPlanner(robot.costmaps.shared, 0.0)
+        planner = planner_for(robot.costmaps.shared, server.parameters.follower.steering)
         start = robot.pose
         server.computation.run(self._goal, lambda: planner.plan(start, staging), self._on_path, self._on_no_path)
 

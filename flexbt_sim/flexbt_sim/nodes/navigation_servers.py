@@ -66,7 +66,7 @@ class Navigation:
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
-        prepare_navigation()
+        prepare_navigation(self._parameters.follower.steering)
         runtime.call(self._serve)
         timeout = self._parameters.peer_timeout
         self._owners = [
@@ -98,11 +98,7 @@ class Navigation:
             (
                 Spin,
                 names.SPIN,
-                lambda request: SpinMotion(
-                    bounded(request.target_yaw, 'target_yaw', MOST_TURN),
-                    seconds_of(request.time_allowance),
-                    self._robot.costmaps.local,
-                ),
+                self._spin,
                 lambda motion: Spin.Feedback(angular_distance_traveled=float(motion.turned)),
             ),
             (
@@ -156,6 +152,16 @@ class Navigation:
         running = self._arbiter.running
         if running is not None and isinstance(running.motion, PathFollower):
             running.motion.speed_limit = self._speed_limit
+
+    def _spin(self, request: Any) -> SpinMotion:
+        radius = self._parameters.follower.turning_radius
+        if radius:
+            raise NavigationError('UNKNOWN', f'a robot with a minimum_turning_radius of {radius:g} m cannot spin')
+        return SpinMotion(
+            bounded(request.target_yaw, 'target_yaw', MOST_TURN),
+            seconds_of(request.time_allowance),
+            self._robot.costmaps.local,
+        )
 
     def _back_up(self, request: Any) -> DriveMotion:
         return self._straight(-abs(request.target.x), -abs(request.speed), request)

@@ -14,7 +14,7 @@ from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import GridPlanner, StopFlag
+from flexbt_sim.navigation import StopFlag, planner_for
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.server_common import (
     CANCELED,
@@ -46,6 +46,7 @@ class PlannerServer:
         self._parameters = parameters
         self._robot = robot
         self._computation = Computation(runtime, 'planner')
+        self._path: list[Pose] = []
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         actions = (
             (ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
@@ -97,20 +98,19 @@ class PlannerServer:
             return
         try:
             start = poses.pop() if goal.request.use_start else self._robot.pose
-            planner = GridPlanner(self._robot.costmaps.shared, self._parameters.planner_tolerance)
+            costmap, parameters = self._robot.costmaps.shared, self._parameters
+            planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance, self._path)
         except Exception as error:
             fail(error)
             return
         stop = StopFlag()
         goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
-        self._computation.run(
-            goal,
-            lambda: path_message(
-                planner.plan_through(start, poses, stop), self._parameters.map_frame, self._runtime.clock.stamp()
-            ),
-            lambda path: self._planned(path, on_end),
-            on_end,
-        )
+
+        def plan() -> Path:
+            self._path = planner.plan_through(start, poses, stop)
+            return path_message(self._path, parameters.map_frame, self._runtime.clock.stamp())
+
+        self._computation.run(goal, plan, lambda path: self._planned(path, on_end), on_end)
 
     def _planned(self, path: Path, on_end: OnPathEnd) -> None:
         self._plan_topic.publish(path)

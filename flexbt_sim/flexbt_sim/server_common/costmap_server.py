@@ -38,7 +38,7 @@ from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation
+from flexbt_sim.navigation import LETHAL, Box, Costmap, LayeredCostmap, Observation, local_size
 from flexbt_sim.ros_messages import grid_info
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
@@ -50,9 +50,6 @@ from .request_checks import bounded
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}
 """Time from update to update, s: Nav2's update_frequency of 1 and 5 Hz."""
-
-WINDOWS: Final = {GLOBAL: math.inf, LOCAL: 3.0}
-"""Width of the square round the robot whose obstacles are kept, m: a rolling window as that of Nav2."""
 
 MOST_RESET_DISTANCE: Final = 1e6
 POSES: Final = 200
@@ -156,7 +153,9 @@ class CostmapServer:
         """There is a new map. Of what was seen only the newest scan counts on."""
         static = Costmap(world, self._parameters.inflation)
         before = self._kept
-        self._kept = {name: _Kept(LayeredCostmap(static, window=WINDOWS[name])) for name in names.COSTMAPS}
+        # Of the local one obstacles are kept in a square round the robot: a rolling window as that of Nav2.
+        windows = {GLOBAL: math.inf, LOCAL: local_size(static.inflation)}
+        self._kept = {name: _Kept(LayeredCostmap(static, window=windows[name])) for name in names.COSTMAPS}
         for name, kept in before.items():
             self._kept[name].layers.continue_from(kept.layers)
         for name in names.COSTMAPS:
@@ -257,7 +256,7 @@ class CostmapServer:
     def _shown_part(self, name: str) -> tuple[Box, Any]:
         layers = self._kept[name].layers
         world = layers.costmap.world
-        if math.isfinite(WINDOWS[name]) and self._poses:
+        if name == LOCAL and self._poses:
             box = layers.window(self._poses[-1][1])
         else:
             box = Box(0, world.height, 0, world.width)

@@ -108,6 +108,9 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
                 100.0,
                 'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
             ),
+            reverses=declare.flag(
+                'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
+            ),
             yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
             progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),
             progress_time=declare.real('movement_time_allowance', follower.progress_time, 0.1, 1000.0, 's'),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from geometry_msgs.msg import TwistStamped
-from nav2_msgs.action import FollowPath
+from nav2_msgs.action import FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
@@ -72,6 +72,38 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         for probe, place in zip(probes, places, strict=True):
             assert probe.wait_at_rest().distance(place) < 0.15
             assert 0.18 < max(probe.speeds(probe.sightings)) < 0.21
+
+
+YARD = """
+plan: {rooms: [{from: [0, 0], to: [30, 20]}]}
+robots: {robot: {model: car, pose: [12, 10, 0]}}
+"""
+
+
+def test_a_car_drives_backward_to_what_is_behind_it(tmp_path: Path) -> None:
+    file = tmp_path / 'yard.yaml'
+    file.write_text(YARD, encoding='utf-8')
+    car = {
+        'footprint': '[[3.4, 0.9], [3.4, -0.9], [-0.9, -0.9], [-0.9, 0.9]]',
+        'minimum_turning_radius': 5.0,
+        'desired_linear_vel': 1.5,
+    }
+    goal = (9.0, 10.5, 0.0)
+    with (
+        without_faults(names.SIMULATOR, namespace='/robot', parameters=FAST | {'world': str(file)}) as simulator,
+        without_faults(names.NAVIGATION, namespace='/robot/robot', parameters={'use_sim_time': True} | car) as node,
+        without_faults('probe', namespace='/robot/robot') as client,
+    ):
+        probe = Probe(client)
+        Simulator(simulator)
+        Navigation(node)
+        path = probe.plan(goal).result.path
+        assert probe.follow(path).wait().status is GoalStatus.SUCCEEDED
+        there = probe.wait_at_rest()
+        assert there.distance(goal[:2]) < 0.15
+        assert abs(there.yaw) < 0.15
+        refused = aborted(probe.send(names.SPIN, target_yaw=1.0), Spin.Result.UNKNOWN)
+        assert 'minimum_turning_radius of 5 m' in refused.error_msg
 
 
 def test_a_robot_that_gets_nowhere_fails_to_make_progress() -> None:

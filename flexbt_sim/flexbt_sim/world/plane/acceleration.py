@@ -13,6 +13,7 @@ import logging
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from types import FunctionType
 from typing import Any
 
 
@@ -20,7 +21,7 @@ from typing import Any
 def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
     """A function compiled, which leaves the interpreter to other threads; None without numba.
 
-    ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
+    The functions of its module that it calls are compiled along. ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
     """
     numba: Any = None
     if os.environ.get('FLEXBT_ACCELERATION', '1') != '0':
@@ -28,6 +29,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
             numba = importlib.import_module('numba')
     if numba is None:
         return None
+    function = _with_compiled(function)
     made: Callable[..., Any]
     try:
         made = numba.njit(nogil=True, cache=True)(function)
@@ -37,4 +39,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
             'it can', function.__name__, error,
         )  # fmt: skip
         made = numba.njit(nogil=True)(function)
+    return made
+
+
+def _with_compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, or one that calls the compiled ones instead of those of its module."""
+    assert isinstance(function, FunctionType)
+    there = function.__globals__
+    called = [there.get(name) for name in function.__code__.co_names]
+    own = [one for one in called if isinstance(one, FunctionType) and one.__module__ == function.__module__]
+    if not own:
+        return function
+    made = FunctionType(function.__code__, there | {one.__name__: compiled(one) for one in own}, function.__name__)
+    made.__qualname__ = function.__qualname__
     return made

@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The inner loops of the planner for robots that steer as cars do: Hybrid A* (Dolgov et al., 2010), for numba.
+
+Lengths are in cells of the costmap, x along its columns and y along its rows. A turn is 1 to the left, -1 to the right
+and 0 for straight on; a piece of a way has one turn and a length, which is negative where it is driven backward.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import Any
+
+import numpy
+
+from .kernels import Bools, Costs, Squares, Weights
+
+HEADINGS = 72
+"""Of the states that are told apart, as in Nav2's SmacPlannerHybrid."""
+
+PIECE = math.tau / 36.0
+"""Angle of a bend between two states, rad; a straight piece is as long."""
+
+REVERSE_COST = 2.0
+REVERSAL_COST = 1.0
+BEND_COST = 1.05
+CLOSE_COST = 2.0
+"""How much more a way costs that is driven backward, that bends, or that touches the margin, as a factor; and what each
+change of direction costs, in turning radii."""
+
+TRIED_CURVES = 6
+"""How many of the curves that lead to the goal are looked at from one state."""
+
+EAGERNESS = 1.3
+"""What is ahead counts so much more than what lies behind: states on the way to the goal come first."""
+
+PATIENCE = 3.0
+"""How many states are looked at in all for a cheaper way, of those that were looked at until one was found."""
+
+NEAR = 4.0
+"""Distance to the goal, in turning radii, within which its heading matters to what is estimated."""
+
+TOUCH = math.sqrt(0.5)
+"""Nearer to the outline than this the centre of a cell of an obstacle counts as touched: as in a costmap."""
+
+SLACK = 0.25
+"""What may be missed between two places that are looked at."""
+
+
+def distances(free: Bools, row: int, column: int) -> Weights:
+    """How far it is from each cell over free neighbouring ones to that at a row and column; infinite without a way."""
+    height, width = free.shape
+    found = numpy.full((height, width), math.inf)
+    found[row, column] = 0.0
+    queue = [(0.0, row * width + column)]
+    while queue:
+        here, cell = heapq.heappop(queue)
+        r, c = cell // width, cell % width
+        if here > found[r, c]:
+            continue
+        for up in range(-1, 2):
+            for right in range(-1, 2):
+                a, b = r + up, c + right
+                if 0 <= a < height and 0 <= b < width and free[a, b]:
+                    there = here + math.sqrt(up * up + right * right)
+                    if there < found[a, b]:
+                        found[a, b] = there
+                        heapq.heappush(queue, (there, a * width + b))
+    return found
+
+
+def far_from(squares: Squares, x: float, y: float) -> Any:
+    """A distance that no obstacle is nearer than."""
+    row = min(max(math.floor(y), 0), squares.shape[0] - 1)
+    column = min(max(math.floor(x), 0), squares.shape[1] - 1)
+    return math.sqrt(squares[row, column]) / 2.0 - math.hypot(y - row - 0.5, x - column - 0.5)
+
+
+def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool) -> Any:
+    """Whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
+    height, width = obstacles.shape
+    for row in range(max(0, int(y - needed) - 1), min(height, int(y + needed) + 2)):
+        for column in range(max(0, int(x - needed) - 1), min(width, int(x + needed) + 2)):
+            if obstacles[row, column]:
+                up, right = abs(row + 0.5 - y), abs(column + 0.5 - x)
+                if not to_centre:
+                    up, right = max(up - 0.5, 0.0), max(right - 0.5, 0.0)
+                if up * up + right * right < needed * needed:
+                    return True
+    return False
+
+
+def room(
+    obstacles: Bools, squares: Squares, corners: Weights, radius: float, slack: float, x: float, y: float, yaw: float
+) -> Any:
+    """How far, at least, the outline of the robot is from all obstacles; negative where it touches one.
+
+    ``corners``, shape (n, 2), are those of its polygon, none for a circle of a ``radius``. What is inside of a polygon
+    as a whole is not seen: who comes there has touched it before.
+    """
+    height, width = obstacles.shape
+    if not (0.0 <= y < height and 0.0 <= x < width):
+        return -1.0
+    outer = radius
+    for i in range(len(corners)):
+        outer = max(outer, math.hypot(corners[i, 0], corners[i, 1]))
+    known = far_from(squares, x, y) - outer
+    if known >= slack + 1.0:
+        return known
+    if len(corners) == 0:
+        return -1.0 if touches(obstacles, x, y, radius + slack, False) else max(known, 0.0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    least = math.inf
+    for i in range(len(corners)):
+        ax, ay = corners[i - 1, 0], corners[i - 1, 1]
+        dx, dy = corners[i, 0] - ax, corners[i, 1] - ay
+        length = math.hypot(dx, dy)
+        at = 0.0
+        while True:
+            px, py = ax + dx * at / length, ay + dy * at / length
+            px, py = x + px * cos - py * sin, y + px * sin + py * cos
+            gap = far_from(squares, px, py)
+            if gap < 1.2:
+                # From one place on the outline to the next it is a quarter of a cell.
+                if touches(obstacles, px, py, math.hypot(TOUCH + slack, 0.125), True):
+                    return -1.0
+                gap = 0.0
+            least = min(least, gap)
+            if at == length:
+                break
+            at = min(length, at + max(0.25, gap - 0.5))
+    return least / 2.0
+
+
+def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
+    """The pose after a piece of a way."""
+    if turn == 0.0:
+        return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
+    after = yaw + turn * length / turning_radius
+    radius = turning_radius * turn
+    return x + radius * (math.sin(after) - math.sin(yaw)), y - radius * (math.cos(after) - math.cos(yaw)), after
+
+
+def cost_of_piece(
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    radius: float,
+    slack: float,
+    margin: float,
+    pose: tuple[float, float, float],
+    turn: float,
+    length: float,
+    turning_radius: float,
+) -> Any:
+    """What it costs to drive a piece, infinite where the robot touches something on it, but for its beginning."""
+    outer = radius
+    for i in range(len(corners)):
+        outer = max(outer, math.hypot(corners[i, 0], corners[i, 1]))
+    swing = 1.0 + abs(turn) * outer / turning_radius
+    whole = abs(length)
+    at, step, close = 0.0, min(whole, 0.5 / swing), 0.0
+    while at < whole:
+        step = min(step, whole - at)
+        at += step
+        x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at, length), turning_radius)
+        gap = room(obstacles, squares, corners, radius, slack, x, y, yaw)
+        if gap < 0.0:
+            return math.inf
+        close += step * max(0.0, 1.0 - gap / margin)
+        step = max(0.5, gap) / swing
+    cost = whole + (CLOSE_COST - 1.0) * close
+    if turn != 0.0:
+        cost *= BEND_COST
+    return cost * REVERSE_COST if length < 0.0 else cost
+
+
+def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
+    """Ways of three pieces from the origin, heading along x, to a pose: turns, lengths and cost, shape (n, 7).
+
+    Lengths are in turning radii. They are the words CSC and CCC of Reeds and Shepp (1990), in all directions; without
+    ``reverses`` those of Dubins (1957).
+    """
+    found = numpy.empty((64, 7))
+    count = 0
+    for turn in (1.0, -1.0):
+        # What begins with a bend to the right is the mirror image of what begins to the left.
+        my, myaw = turn * y, turn * yaw
+        for kind in range(4):
+            to_left = kind != 1
+            dx = x - math.sin(myaw) if to_left else x + math.sin(myaw)
+            dy = my - 1.0 + math.cos(myaw) if to_left else my - 1.0 - math.cos(myaw)
+            apart, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
+            for backward in range(2):
+                if kind == 0:
+                    middle = -apart if backward else apart
+                    first = bearing + math.pi if backward else bearing
+                    last = myaw - first
+                elif kind == 1:
+                    if apart < 2.0:
+                        continue
+                    middle = math.sqrt(apart * apart - 4.0)
+                    aside = math.atan2(2.0, middle)
+                    first = bearing - aside + math.pi if backward else bearing + aside
+                    middle = -middle if backward else middle
+                    last = first - myaw
+                else:
+                    if apart > 4.0:
+                        continue
+                    half = math.asin(apart / 4.0)
+                    middle = 2.0 * half if kind == 2 else math.tau - 2.0 * half
+                    first = bearing + middle / 2.0
+                    middle -= math.tau * backward
+                    last = myaw - first + middle
+                if backward and not reverses:
+                    continue
+                first, last = first % math.tau, last % math.tau
+                for negative in range(4 if reverses else 1):
+                    one = first - math.tau * (negative % 2)
+                    other = last - math.tau * (negative // 2)
+                    if reverses and max(abs(one), abs(other)) > 1.5 * math.pi:
+                        continue
+                    found[count, 0], found[count, 3] = turn, one
+                    found[count, 1], found[count, 4] = 0.0 if kind < 2 else -turn, middle
+                    found[count, 2], found[count, 5] = turn if to_left else -turn, other
+                    cost, before = 0.0, 0.0
+                    for i in range(3):
+                        length = found[count, 3 + i]
+                        if length != 0.0:
+                            piece = abs(length) if found[count, i] == 0.0 else abs(length) * BEND_COST
+                            cost += piece * REVERSE_COST if length < 0.0 else piece
+                            cost += REVERSAL_COST if before * length < 0.0 else 0.0
+                            before = length
+                    found[count, 6] = cost
+                    count += 1
+    return found[:count]
+
+
+def hybrid_search(
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    radius: float,
+    slack: float,
+    margin: float,
+    ahead: Weights,
+    block: int,
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    turning_radius: float,
+    reverses: bool,
+    most: int,
+    stop: Costs,
+) -> Any:
+    """The pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states were seen.
+
+    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ahead`` is
+    how far it is to the goal at least, by squares of ``block`` cells. The way is empty when there is none, when
+    ``most`` states were seen, or when another thread sets ``stop[0]``.
+    """
+    piece = max(PIECE * turning_radius, 1.5)
+    cell = piece / math.sqrt(2.0)
+    columns = int(obstacles.shape[1] / cell) + 1
+    size = 1
+    while size < 2 * most:
+        size *= 2
+    slots = numpy.full(size, -1, numpy.int32)
+    keys = numpy.empty(most, numpy.int64)
+    poses = numpy.empty((most, 3))
+    spent = numpy.empty(most)
+    parents = numpy.empty(most, numpy.int32)
+    turns = numpy.zeros(most, numpy.int8)
+    directions = numpy.zeros(most, numpy.int8)
+    is_done = numpy.zeros(most, numpy.uint8)
+    poses[0, 0], poses[0, 1], poses[0, 2] = start
+    spent[0], parents[0], keys[0] = 0.0, -1, -1
+    count, looked = 1, 0
+    best, best_node, last = math.inf, -1, most
+    best_curve = numpy.zeros(7)
+    queue = [(0.0, 0)]
+    while queue and count < most:
+        total, node = heapq.heappop(queue)
+        if total >= best or looked > last:
+            break
+        if is_done[node]:
+            continue
+        is_done[node] = 1
+        looked += 1
+        if looked % 64 == 0 and stop[0]:
+            return numpy.empty((0, 2)), count
+        pose = (poses[node, 0], poses[node, 1], poses[node, 2])
+        cos, sin = math.cos(pose[2]), math.sin(pose[2])
+        right, up = (goal[0] - pose[0]) / turning_radius, (goal[1] - pose[1]) / turning_radius
+        left = (total - spent[node]) / piece / EAGERNESS
+        if looked % (1 + int(left / 8.0)) == 0:
+            options = curves(right * cos + up * sin, up * cos - right * sin, goal[2] - pose[2], reverses)
+            for _ in range(min(TRIED_CURVES, len(options))):
+                option = int(numpy.argmin(options[:, 6]))
+                chosen = options[option].copy()
+                options[option, 6] = math.inf
+                if spent[node] + chosen[6] * turning_radius >= best:
+                    break
+                here, cost = pose, spent[node]
+                before = float(directions[node])
+                for i in range(3):
+                    length = chosen[3 + i] * turning_radius
+                    if length == 0.0:
+                        continue
+                    if before * length < 0.0:
+                        cost += REVERSAL_COST * turning_radius
+                    before = length
+                    cost += cost_of_piece(
+                        obstacles, squares, corners, radius, slack, margin, here, chosen[i], length, turning_radius
+                    )
+                    if cost >= best:
+                        break
+                    here = moved(here[0], here[1], here[2], chosen[i], length, turning_radius)
+                if cost < best:
+                    if best_node < 0:
+                        last = int(PATIENCE * looked) + HEADINGS
+                    best, best_node, best_curve = cost, node, chosen
+        for way in range(6 if reverses else 3):
+            turn, length = float(way % 3 - 1), piece if way < 3 else -piece
+            x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
+            if not (0.0 <= y < obstacles.shape[0] and 0.0 <= x < obstacles.shape[1]):
+                continue
+            remains = ahead[int(y) // block, int(x) // block]
+            if remains == math.inf:
+                continue
+            yaw %= math.tau
+            heading = int(yaw / math.tau * HEADINGS + 0.5) % HEADINGS
+            key = (int(y / cell) * columns + int(x / cell)) * HEADINGS + heading
+            slot = (key * 2654435761) % size
+            while slots[slot] >= 0 and keys[slots[slot]] != key:
+                slot = (slot + 1) % size
+            other = slots[slot]
+            if other >= 0 and is_done[other]:
+                continue
+            cost = spent[node] + cost_of_piece(
+                obstacles, squares, corners, radius, slack, margin, pose, turn, length, turning_radius
+            )
+            if directions[node] * length < 0.0:
+                cost += REVERSAL_COST * turning_radius
+            if cost == math.inf or (other >= 0 and cost >= spent[other]):
+                continue
+            # Distances over blocks are too long by up to a twelfth, and by the ends in these.
+            least = max(0.0, 0.92 * (remains - 1.5) * block)
+            if least < NEAR * turning_radius:
+                cos, sin = math.cos(yaw), math.sin(yaw)
+                right, up = (goal[0] - x) / turning_radius, (goal[1] - y) / turning_radius
+                options = curves(right * cos + up * sin, up * cos - right * sin, goal[2] - yaw, reverses)
+                least = max(least, turning_radius * options[:, 6].min())
+            if other < 0:
+                if count == most:
+                    break
+                other = count
+                slots[slot], keys[other] = other, key
+                count += 1
+            poses[other, 0], poses[other, 1], poses[other, 2] = x, y, yaw
+            spent[other], parents[other] = cost, node
+            turns[other], directions[other] = way % 3 - 1, 1 if way < 3 else -1
+            heapq.heappush(queue, (cost + EAGERNESS * least, other))
+    if best_node < 0:
+        return numpy.empty((0, 2)), count
+    steps = 0
+    node = best_node
+    while parents[node] >= 0:
+        steps += 1
+        node = parents[node]
+    pieces = numpy.empty((steps + 3, 2))
+    node = best_node
+    for i in range(steps - 1, -1, -1):
+        pieces[i, 0], pieces[i, 1] = turns[node], directions[node] * piece
+        node = parents[node]
+    for i in range(3):
+        pieces[steps + i, 0], pieces[steps + i, 1] = best_curve[i], best_curve[3 + i] * turning_radius
+    return pieces, count

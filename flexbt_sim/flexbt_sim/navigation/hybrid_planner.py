@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plans paths for a robot that steers as a car does: Hybrid A*, as Nav2's SmacPlannerHybrid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Final
+
+import numpy
+from numpy.typing import NDArray
+
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.world import Pose, wrap
+
+from .acceleration import car_loops
+from .costmap import INSCRIBED, Costmap
+from .hybrid_kernels import SLACK
+from .motions import Steering
+from .planner import SPACING, Cell, GridPlanner, StopFlag
+
+STEERING_RESERVE: Final = 1.1
+"""How much wider bends are planned than the robot can drive them: it has to get back to the path, too."""
+
+MARGIN: Final = 0.05
+"""Distance to obstacles, in turning radii, within which the way costs more: the robot may be so far beside the path."""
+
+TIGHT: Final = -0.02
+"""Slack, in cells, where the robot has no room to spare."""
+
+MOST_STATES: Final = 200_000
+"""After so many the search is given up: some seconds."""
+
+MOST_BLOCKS: Final = 60_000
+"""In which distances to the goal are known beforehand."""
+
+
+def planner_for(
+    costmap: Costmap, steering: Steering, tolerance: float = 0.0, before: Sequence[Pose] = ()
+) -> GridPlanner:
+    """The planner for a robot; ``tolerance`` and ``before`` as :class:`HybridPlanner` has them."""
+    if steering.turning_radius:
+        return HybridPlanner(costmap, steering, tolerance, before)
+    return GridPlanner(costmap, tolerance)
+
+
+class HybridPlanner(GridPlanner):
+    """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it."""
+
+    def __init__(
+        self, costmap: Costmap, steering: Steering, tolerance: float = 0.0, before: Sequence[Pose] = ()
+    ) -> None:
+        """``tolerance`` as for :class:`GridPlanner`; the turning radius of ``steering`` is above 0.
+
+        ``before`` is a path of this planner that the robot may be on: to the same goal the rest of it is the plan as
+        long as it is free. Of two ways that cost nearly the same one begins forward and the other backward, and a robot
+        that is told now this one and now that one gets nowhere.
+        """
+        super().__init__(costmap, tolerance)
+        self._steering = steering
+        self._before = before
+
+    def plan(self, start: Pose, goal: Pose, stop: StopFlag | None = None) -> list[Pose]:
+        """A path from start to goal that the robot can drive, with the poses of both at its ends.
+
+        Raises:
+            NavigationError: as :meth:`GridPlanner.plan`; TIMEOUT when the search is given up.
+            PlanningStopped: ``stop`` was set.
+        """
+        return super().plan(start, goal, stop)
+
+    def _way(self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag) -> list[Pose]:
+        costmap, world = self._costmap, self._costmap.world
+        cell = world.resolution
+        if costmap.in_collision(start):
+            raise NavigationError(
+                'START_OCCUPIED' if costmap.touches_map(start) else 'NO_VALID_PATH',
+                f'at the start ({start.x:.2f}, {start.y:.2f}) the robot overlaps an obstacle',
+            )
+        if rest := self._rest(start, goal):
+            return list(rest)
+        radius = self._steering.turning_radius * STEERING_RESERVE / cell
+        shape = self._shape
+        ends = self._on_grid(start), self._on_grid(goal)
+        # Where there is less room at an end the robot may come as near to obstacles all along.
+        slack = SLACK if all(car_loops().room(*shape, SLACK, *end) >= 0.0 for end in ends) else TIGHT
+        ahead, block = self._ahead(target)
+        pieces, states = car_loops().hybrid_search(
+            *shape,
+            slack,
+            max(1.0, MARGIN * radius),
+            ahead,
+            block,
+            *ends,
+            radius,
+            self._steering.reverses,
+            MOST_STATES,
+            stop.cell,
+        )
+        stop.check()
+        if not len(pieces):
+            raise NavigationError(
+                'TIMEOUT' if states >= MOST_STATES else 'NO_VALID_PATH',
+                f'no way with bends of {self._steering.turning_radius:g} m leads to the goal ({goal.x:.2f}, '
+                f'{goal.y:.2f}){"" if self._steering.reverses else " without driving backward"}, '
+                f'of {states} places and headings that were looked at',
+            )
+        return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
+
+    def _rest(self, start: Pose, goal: Pose) -> Sequence[Pose]:
+        """What is left of the path before; nothing when it led elsewhere, or is not free, or the robot is not on it."""
+        radius = self._steering.turning_radius
+        if not self._before or self._before[-1] != goal:
+            return ()
+        beside = [start.distance(pose) + radius * abs(wrap(pose.yaw - start.yaw)) for pose in self._before]
+        nearest = beside.index(min(beside))
+        rest = self._before[nearest:]
+        if beside[nearest] > 2.0 * MARGIN * radius:
+            return ()
+        free = all(car_loops().room(*self._shape, TIGHT, *self._on_grid(pose)) >= 0.0 for pose in rest)
+        return rest if free else ()
+
+    @cached_property
+    def _shape(self) -> tuple[Any, ...]:
+        """Obstacles and robot as the loops have them, in cells."""
+        costmap, cell = self._costmap, self._costmap.world.resolution
+        corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
+        return costmap.obstacles, costmap.squares, corners, costmap.inflation.robot_radius / cell
+
+    def _on_grid(self, pose: Pose) -> tuple[float, float, float]:
+        world = self._costmap.world
+        row, column = world.grid_position(pose.x, pose.y)
+        return column, row, float(pose.yaw - world.origin.yaw)
+
+    def _ahead(self, target: Cell) -> tuple[NDArray[numpy.float64], int]:
+        """How far it is to a cell, in blocks, at least; and how many cells wide a block is."""
+        free = self._costmap.costs < INSCRIBED
+        block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
+        free = numpy.pad(free, [(0, -size % block) for size in free.shape])
+        blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
+        return car_loops().distances(blocks, target[0] // block, target[1] // block), block
+
+
+def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: Pose) -> list[Pose]:
+    """Poses along pieces, turn and length in m; the last is the goal."""
+    path = [start]
+    for turn, length in pieces.tolist():
+        begin, count = path[-1], math.ceil(abs(length) / SPACING - 1e-6)
+        path += [Pose(*car_loops().moved(*begin, turn, length * i / count, radius)) for i in range(1, count + 1)]
+    return [*path[:-1], goal]

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Plans for a car: it can drive them, touches nothing, and finds them wherever it could have driven."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation import Costmap, HybridPlanner, Inflation, Navigator, Steering, StopFlag
+from flexbt_sim.navigation.acceleration import car_loops
+from flexbt_sim.navigation.hybrid_planner import STEERING_RESERVE
+from flexbt_sim.navigation.track import drivable_legs
+from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
+
+CAR = MODELS['car']
+assert isinstance(CAR.footprint, Polygon)
+CORNERS = CAR.footprint.corners
+RADIUS = CAR.drive.turning_radius
+WIDE = RADIUS * STEERING_RESERVE
+
+
+def yard(blocks: Sequence[tuple[int, int, int, int]], resolution: float = 0.2) -> Costmap:
+    """40 m by 30 m within walls; blocks by row, column, height and width, in metres."""
+    cells = numpy.zeros((round(30 / resolution), round(40 / resolution)), numpy.int8)
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
+    for block in blocks:
+        row, column, height, width = (round(side / resolution) for side in block)
+        cells[row : row + height, column : column + width] = 100
+    return Costmap(OccupancyMap(cells, resolution, Pose(-20.0, -15.0, 0.0)), Inflation.of(CAR.footprint))
+
+
+def check(costmap: Costmap, path: Sequence[Pose], start: Pose, goal: Pose, reverses: bool = True) -> None:
+    """From start to goal, in bends that the car can drive, touching nothing."""
+    assert (path[0], path[-1]) == (start, goal)
+    legs = drivable_legs(path, WIDE)
+    assert legs or start == goal
+    assert reverses or not any(leg.backward for leg in legs)
+    assert not any(map(costmap.in_collision, path))
+
+
+@settings(deadline=None, max_examples=100)
+@given(*[st.floats(-8.0, 8.0)] * 2, st.floats(-7.0, 7.0), st.booleans())
+def test_curves_end_where_they_are_to(x: float, y: float, yaw: float, reverses: bool) -> None:
+    found = car_loops().curves(x, y, yaw, reverses)
+    assert len(found)
+    for turns, lengths in zip(found[:, :3].tolist(), found[:, 3:6].tolist(), strict=True):
+        assert reverses or min(lengths) >= 0.0
+        there = (0.0, 0.0, 0.0)
+        for turn, length in zip(turns, lengths, strict=True):
+            there = car_loops().moved(*there, turn, length, 1.0)
+        assert math.dist(there[:2], (x, y)) < 1e-9
+        assert abs(wrap(there[2] - yaw)) < 1e-9
+
+
+block = st.tuples(st.integers(1, 28), st.integers(1, 38), st.integers(1, 5), st.integers(1, 6))
+
+
+@settings(deadline=None, max_examples=12)
+@given(
+    st.lists(block, max_size=14),
+    st.tuples(st.floats(-14.0, 14.0), st.floats(-9.0, 9.0), st.floats(-3.1, 3.1)),
+    st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-6.0, 9.0)), min_size=1, max_size=8),
+    st.sampled_from([0.1, 0.25]),
+)
+def test_there_is_a_plan_to_wherever_a_car_has_driven(
+    blocks: list[tuple[int, int, int, int]],
+    begin: tuple[float, float, float],
+    pieces: list[tuple[float, float]],
+    resolution: float,
+) -> None:
+    costmap = yard(blocks, resolution)
+    start = here = Pose(*begin)
+    larger = tuple((x + math.copysign(0.3, x), y + math.copysign(0.3, y)) for x, y in CORNERS)
+    roomy = Costmap(costmap.world, Inflation.of(Polygon(larger)))
+    if roomy.in_collision(start):
+        return
+    for turn, length in pieces:
+        for _ in range(math.ceil(abs(length) / 0.25)):
+            there = Pose(*car_loops().moved(*here, turn, math.copysign(0.25, length), 1.2 * WIDE))
+            if roomy.in_collision(there):
+                break
+            here = there
+    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, here), start, here)
+
+
+LANE = ((0, 0, 12, 40), (18, 0, 12, 40))
+"""A lane of 6 m between two blocks."""
+
+
+def test_a_car_that_may_not_reverse_is_told_that_there_is_no_way() -> None:
+    costmap = yard(LANE)
+    start, goal = Pose(-8.0, 0.0, 0.0), Pose(8.0, 0.0, 0.0)
+    back = Pose(-8.0, 0.0, math.pi)
+    forward = HybridPlanner(costmap, Steering(RADIUS, reverses=False))
+    check(costmap, forward.plan(start, goal), start, goal, reverses=False)
+    with pytest.raises(NavigationError, match='without driving backward') as raised:
+        forward.plan(start, back)
+    assert raised.value.code == 'NO_VALID_PATH'
+    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, back), start, back)
+
+
+def test_a_start_or_goal_that_only_another_heading_fits_has_a_code() -> None:
+    costmap = yard(LANE)
+    along, across = Pose(-8.0, 0.0, 0.0), Pose(8.0, 0.0, math.pi / 2.0)
+    for start, goal, code in ((along, across, 'GOAL_OCCUPIED'), (across, along, 'START_OCCUPIED')):
+        with pytest.raises(NavigationError) as raised:
+            HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal)
+        assert raised.value.code == code
+
+
+def test_a_search_ends_when_it_is_stopped() -> None:
+    stop = StopFlag()
+    stop.set()
+    wall = yard(((14, 0, 1, 40),))
+    shape = wall.obstacles, wall.squares, numpy.array(CORNERS) / 0.2, 4.5, 0.25, 1.0
+    ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
+    nothing = numpy.zeros(wall.obstacles.shape)
+    pieces, states = car_loops().hybrid_search(*shape, nothing, 1, *ends, 25.0, True, 100_000, stop.cell)
+    assert len(pieces) == 0
+    assert 1 < states < 1000
+
+
+def test_the_rest_of_a_path_is_the_plan_as_long_as_it_is_free() -> None:
+    costmap = yard(())
+    start, goal = Pose(-12.0, 0.0, 0.0), Pose(12.0, 4.0, 1.0)
+    path = HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal)
+    here = path[100]._replace(y=path[100].y + 0.1)
+    again = HybridPlanner(costmap, Steering(RADIUS), before=path)
+    assert again.plan(here, goal) == path[100:]
+    aside = here._replace(y=here.y + 2.0)
+    check(costmap, again.plan(aside, goal), aside, goal)
+    blocked = yard(((15, 24, 2, 2),))
+    assert any(map(blocked.in_collision, path[100:]))
+    check(blocked, HybridPlanner(blocked, Steering(RADIUS), before=path).plan(here, goal), here, goal)
+
+
+def test_a_car_turns_round_where_it_needs_several_moves() -> None:
+    costmap = yard(((0, 0, 9, 40), (19, 0, 11, 40)))
+    world = World(costmap.world)
+    start, goal = Pose(-6.0, -1.0, 0.0), Pose(-4.0, -1.0, math.pi)
+    car = world.add('car', CAR, start)
+    trip = Navigator(world, 'car', costmap).navigate(goal, timeout=200.0)
+    assert (trip.code, trip.contacts, trip.recoveries) == ('', 0, 0), trip.errors
+    assert car.pose.distance(goal) <= 0.25
+    assert abs(wrap(car.pose.yaw - goal.yaw)) <= 0.25
