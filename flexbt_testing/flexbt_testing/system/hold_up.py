@@ -35,11 +35,12 @@ CLOCK = 'flexbt_common.runtime.health.Health._ask'
 
 THREADS = {
     'bt_server': {'executor': EXECUTOR, 'tree': TREE, 'clock': CLOCK},
-    'navigation': {'executor': EXECUTOR, 'clock': CLOCK},
+    'navigation': {'executor': EXECUTOR},
     'onboard_executive': {'executor': EXECUTOR, 'run': RUN, 'clock': CLOCK},
-    'simulator': {'executor': EXECUTOR, 'world': WORLD, 'clock': CLOCK},
+    'simulator': {'executor': EXECUTOR, 'world': WORLD},
 }
-"""By executable: the threads that drive something, each with a method that it calls again and again."""
+"""By executable: the threads whose hang brings the robot to rest, each with a method that it calls again and again. With
+the clocks of navigation and simulator it drives on, and stops when it is told to: their executors do both."""
 
 
 def hold_up(method: str, seconds: float) -> None:

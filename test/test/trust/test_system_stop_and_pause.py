@@ -91,7 +91,7 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
         (process, thread)
         for process, threads in THREADS.items()
         for thread in threads
-        # With the world the robot and its time stand still; without a clock the executor goes on to drive and to stop.
+        # With the world the robot and its time stand still; the benchmark of faults has the clocks.
         if thread not in ('world', 'clock')
     ],
 )
