@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup, process_group
+from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup, process_group, run_demonstration
 
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
@@ -60,6 +61,35 @@ def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:
         pid = group.pid('sleeper')
         raise KeyboardInterrupt
     assert not is_running(pid)
+
+
+@pytest.fixture
+def signals() -> Iterator[tuple[signal.Signals, ...]]:
+    """By which a demonstration is ended; what they did before is put back."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield numbers
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize('interactive', [False, True])
+def test_each_signal_ends_a_demonstration_with_its_processes_and_is_no_success_of_a_script(
+    interactive: bool, signals: tuple[signal.Signals, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('OMP_NUM_THREADS', '1')  # which it would set
+    pids: list[int] = []
+    for number in signals:
+
+        def run(group: ProcessGroup, _domain: int, number: signal.Signals = number) -> int:
+            group.start('sleeper', SLEEPER)
+            wait_for_text(tmp_path / 'sleeper.log', 'up')
+            pids.append(group.pid('sleeper'))
+            signal.raise_signal(number)
+            raise AssertionError('the signal has no effect')
+
+        assert run_demonstration('demo', tmp_path, interactive, run) == (0 if interactive else 128 + number)
+    assert len(pids) == len(signals) and not any(map(is_running, pids))
 
 
 def test_a_process_that_dies_is_started_again_but_not_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
