@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +18,7 @@ from rclpy.action import ActionServer, CancelResponse
 from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
@@ -406,13 +404,8 @@ def test_an_acceptance_whose_answer_is_lost_counts(
     assert done.wait().status is GoalStatus.CANCELED
 
 
-def start_child() -> subprocess.Popen[str]:
-    child = subprocess.Popen(
-        [sys.executable, '-m', 'flexbt_testing.nodes.scripted_action_server'],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {'FASTRTPS_DEFAULT_PROFILES_FILE': os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', '')},
-    )
+def start_child() -> PythonProcess:
+    child = python_process(['-m', 'flexbt_testing.nodes.scripted_action_server'])
     assert child.stdout is not None
     assert child.stdout.readline() == 'ready\n'
     return child
@@ -438,10 +431,8 @@ def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerL
         one.cancel(timeout=DEADLINE)
         assert done.wait().status is GoalStatus.CANCELED
     finally:
-        child.kill()
-        child.wait()
-        assert child.stdout is not None
-        child.stdout.close()
+        with child:
+            child.kill()
 
 
 def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal(link: ActionServerLink) -> None:
@@ -457,10 +448,8 @@ def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal
         assert outcome.status is GoalStatus.LOST
         assert 'does not know the goal' in outcome.reason
     finally:
-        child.kill()
-        child.wait()
-        assert child.stdout is not None
-        child.stdout.close()
+        with child:
+            child.kill()
 
 
 def test_many_goals_at_once_all_end(link: ActionServerLink, server: ScriptedActionServer) -> None:

@@ -6,8 +6,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import signal
-import subprocess
-import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -31,6 +29,7 @@ from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 
@@ -310,13 +309,9 @@ sys.exit(run_managed_node('managed', Made, waiting=lambda runtime: print('waitin
 
 
 @contextlib.contextmanager
-def process(directory: Path, *parameters: str) -> Iterator[subprocess.Popen[str]]:
-    file = directory / 'program.py'
-    file.write_text(PROGRAM)
+def process(*parameters: str) -> Iterator[PythonProcess]:
     arguments = [argument for parameter in parameters for argument in ('-p', parameter)]
-    with subprocess.Popen(
-        [sys.executable, file, '--ros-args', *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as child:
+    with python_process(['-c', PROGRAM, '--ros-args', *arguments]) as child:
         try:
             yield child
         finally:
@@ -333,10 +328,8 @@ def process(directory: Path, *parameters: str) -> Iterator[subprocess.Popen[str]
         (['shutdown'], []),
     ],
 )
-def test_a_signal_ends_the_process_in_any_state(
-    tmp_path: Path, labels: list[str], printed: list[str], number: signal.Signals
-) -> None:
-    with NodeRuntime.open('manager') as manager, process(tmp_path, 'autostart:=false') as child:
+def test_a_signal_ends_the_process_in_any_state(labels: list[str], printed: list[str], number: signal.Signals) -> None:
+    with NodeRuntime.open('manager') as manager, process('autostart:=false') as child:
         assert child.stdout is not None
         assert child.stdout.readline() == 'waiting\n'
         client = LifecycleClient(manager, 'managed')
@@ -348,8 +341,8 @@ def test_a_signal_ends_the_process_in_any_state(
         assert 'Traceback' not in err
 
 
-def test_a_transition_that_does_not_end_does_not_hold_up_the_end(tmp_path: Path) -> None:
-    with NodeRuntime.open('manager') as manager, process(tmp_path) as child:
+def test_a_transition_that_does_not_end_does_not_hold_up_the_end() -> None:
+    with NodeRuntime.open('manager') as manager, process() as child:
         assert child.stdout is not None
         assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
         client = LifecycleClient(manager, 'managed')
@@ -363,14 +356,14 @@ def test_a_transition_that_does_not_end_does_not_hold_up_the_end(tmp_path: Path)
         assert not answer.done()
 
 
-def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not(tmp_path: Path) -> None:
-    with process(tmp_path) as child:
+def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not() -> None:
+    with process() as child:
         assert child.stdout is not None
         assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=60)
         assert (out, err, child.returncode) == ('closed\n', '', 0)
-    with process(tmp_path, 'broken:=true') as child:
+    with process('broken:=true') as child:
         _out, err = child.communicate(timeout=60)
         assert (err, child.returncode) == ('managed: cannot start: it is broken; mend it\n', 1)
 

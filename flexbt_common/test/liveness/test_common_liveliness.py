@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from flexbt_common.liveness import (
 )
 from flexbt_common.liveness.liveliness import REPEAT_SECONDS
 from flexbt_common.runtime import Hang, NodeRuntime
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 DEADLINE = 60.0
@@ -57,25 +59,18 @@ sys.exit(run_node('watcher', setup))
 """
 
 
-class Process(subprocess.Popen[str]):
-    """It is killed at the end of the block, if it was not before."""
-
-    def __exit__(self, *exception: Any) -> None:
-        self.kill()
-        super().__exit__(*exception)
+ARGUMENTS = ('--ros-args', '-r', '__ns:=/robot1')
 
 
-def started(program: str) -> tuple[Process, str]:
-    """A process, and the first line that it says."""
-    process = Process(
-        [sys.executable, '-c', program, '--ros-args', '-r', '__ns:=/robot1'], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    return process, process.stdout.readline()
-
-
-def start() -> Process:
-    return started(PROGRAM)[0]
+@contextlib.contextmanager
+def start(program: str = PROGRAM) -> Iterator[PythonProcess]:
+    """A living process. It is killed at the end of the block, if it was not before."""
+    with python_process(['-c', program, *ARGUMENTS]) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == 'ready\n'
+            yield process
+        finally:
+            process.kill()
 
 
 def latest() -> float:
@@ -157,11 +152,11 @@ def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch
 def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> None:
     with start() as living:
         for _ in range(3):
-            watcher, seen = started(WATCHER)
-            assert seen == 'True\n'
-            assert watcher.stdout is not None
-            told, _, _ = select.select([watcher.stdout], [], [], 3 * LEASE_SECONDS)
-            with watcher:
+            # No fork, which would not be as new as what it has loaded.
+            command = [sys.executable, '-c', WATCHER, *ARGUMENTS]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watcher:
+                assert watcher.stdout is not None and watcher.stdout.readline() == 'True\n'
+                told, _, _ = select.select([watcher.stdout], [], [], 3 * LEASE_SECONDS)
                 watcher.kill()
             assert not told
         living.kill()
@@ -398,8 +393,7 @@ def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> 
     program = PROGRAM.replace('LivelinessToken(runtime)', 'LivelinessToken(runtime).set_ready(True)')
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
         watch = LivelinessWatch(runtime, 'living', lambda _alive: None, ready.put)
-        process, _ = started(program)
-        with process:
+        with start(program) as process:
             assert ready.get(timeout=DEADLINE) is True
             process.send_signal(signal.SIGSTOP)
             assert ready.get(timeout=DEADLINE) is False

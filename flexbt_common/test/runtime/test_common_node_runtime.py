@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import threading
 import time
 from functools import partial
@@ -15,6 +13,7 @@ import pytest
 from std_msgs.msg import Empty
 
 from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import uncontended_time
 
 DEADLINE = 60.0
@@ -176,10 +175,8 @@ def test_components_are_closed_in_reverse_order_while_callbacks_run() -> None:
     runtime.close()
 
 
-def start(*arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, '-c', PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+def start(*arguments: str) -> PythonProcess:
+    return python_process(['-c', PROGRAM, *arguments])
 
 
 @pytest.mark.parametrize(
@@ -269,7 +266,7 @@ def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:
     [(['-h'], True), (['--help', '--ros-args'], True), (['--ros-args', '-p', 'help:=1'], False)],
 )
 def test_help_is_told_instead_of_running_the_node(arguments: list[str], is_asked: bool) -> None:
-    with subprocess.Popen([sys.executable, '-c', PROGRAM, *arguments], stdout=subprocess.PIPE, text=True) as process:
+    with start(*arguments) as process:
         assert process.stdout is not None
         first = process.stdout.readline()
         if is_asked:
@@ -281,10 +278,10 @@ def test_help_is_told_instead_of_running_the_node(arguments: list[str], is_asked
 
 
 def test_arguments_that_are_not_for_ros_are_refused() -> None:
-    words = ['--map', 'here', '--ros-args', '-p', 'speed:=2.0']
-    done = subprocess.run([sys.executable, '-c', PROGRAM, *words], capture_output=True, text=True, timeout=DEADLINE)
-    assert (done.returncode, done.stdout) == (2, '')
-    assert "unknown argument '--map'" in done.stderr
+    with start('--map', 'here', '--ros-args', '-p', 'speed:=2.0') as process:
+        out, err = process.communicate(timeout=DEADLINE)
+        assert (process.returncode, out) == (2, '')
+        assert "unknown argument '--map'" in err
 
 
 def test_arguments_that_ros_refuses_are_told_without_a_trace(capfd: pytest.CaptureFixture[str]) -> None:

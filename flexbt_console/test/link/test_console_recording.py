@@ -9,7 +9,6 @@ import os
 import resource
 import signal
 import subprocess
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,6 +37,8 @@ from flexbt_console.recording.recorder import Recorder
 from flexbt_console.recording.run_file import Recorded, RunWriter, read_run
 from flexbt_console.recording.topics import TOPICS
 from flexbt_msgs.msg import ExecutiveLog
+from flexbt_testing.system.fork_server import ForkedProcess
+from flexbt_testing.system.python_process import logged_python_process
 from flexbt_testing.waiting import wait_until
 
 DEADLINE = 60.0
@@ -65,10 +66,16 @@ def station(namespace: str) -> Iterator[Station]:
 
 
 @contextmanager
-def recording(file: Path, namespace: str) -> Iterator[subprocess.Popen[bytes]]:
+def recording(file: Path, namespace: str) -> Iterator[ForkedProcess | subprocess.Popen[bytes]]:
     """A recorder, a process, that hears what is said in a namespace."""
     words = ['--ros-args', '-r', f'__ns:=/{namespace}', '-p', f'file:={file}']
-    process = subprocess.Popen([sys.executable, '-m', 'flexbt_console.recording.recorder', *words])
+    arguments = ['-m', 'flexbt_console.recording.recorder', *words]
+    loaded = (
+        'flexbt_console.recording.definitions',
+        'flexbt_console.recording.run_file',
+        'flexbt_console.recording.topics',
+    )
+    process = logged_python_process(arguments, 1, loaded)
     try:
         yield process
     finally:
@@ -79,7 +86,7 @@ def recording(file: Path, namespace: str) -> Iterator[subprocess.Popen[bytes]]:
 @contextmanager
 def ready_recorder(
     at: Station, file: Path, namespace: str
-) -> Iterator[tuple[subprocess.Popen[bytes], LivelinessWatch]]:
+) -> Iterator[tuple[ForkedProcess | subprocess.Popen[bytes], LivelinessWatch]]:
     """A recorder that has said that it is ready."""
     token = LivelinessWatch(at.runtime, 'recorder', lambda _alive: None)
     wait_until(lambda: not token.ready, 'end of the recorder before')

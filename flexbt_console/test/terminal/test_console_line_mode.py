@@ -17,24 +17,30 @@ import pytest
 from flexbt_console.errors import ExitCode
 from flexbt_console.ui.console import main
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
-COMMAND = [sys.executable, '-m', 'flexbt_console']
+COMMAND = ['-m', 'flexbt_console']
+LOADED = ('flexbt_console.link', 'flexbt_console.ui.line')
+"""What each command needs that asks an executive."""
 NAMESPACE = 'lines'
 
 
+def start(*words: str) -> PythonProcess:
+    """A console."""
+    return python_process([*COMMAND, *words], LOADED)
+
+
 def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, *words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout]
-    pipes: dict[str, Any] = {'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
-    # The fault handler prints what each thread is doing when the process has to be aborted.
-    with subprocess.Popen(command, text=True, env=os.environ | {'PYTHONFAULTHANDLER': '1'}, **pipes) as process:
+    with start(*words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout) as process:
         try:
             output, errors = process.communicate(timeout=60)
         except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGABRT)
+            process.send_signal(signal.SIGABRT)  # it then tells what each thread is doing
             output, errors = process.communicate()
             pytest.fail(f'{words} did not end in time\n{output}\n{errors}')
-    return subprocess.CompletedProcess(command, process.returncode, output, errors)
+    assert process.returncode is not None
+    return subprocess.CompletedProcess(words, process.returncode, output, errors)
 
 
 def test_an_output_that_does_not_fit_onto_its_disk_is_told(
@@ -107,8 +113,7 @@ def test_a_reason_of_several_lines_is_shown_as_such_and_harmless(
 
 
 def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: ScriptedExecutive) -> None:
-    command = [*COMMAND, 'start', 'Drive', '--wait', '--namespace', NAMESPACE, '--timeout', '15']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as waiting:
+    with start('start', 'Drive', '--wait', '--namespace', NAMESPACE, '--timeout', '15') as waiting:
         executive_running(executive)
         assert console('stop').returncode == 0
         output, _ = waiting.communicate(timeout=60)
@@ -118,7 +123,12 @@ def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: Scripte
 def test_exit_code_2_needs_no_executive() -> None:
     for words in (['statsu'], ['start'], ['autonomy', '7'], []):
         done = subprocess.run(
-            [*COMMAND, *words], capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False
+            [sys.executable, *COMMAND, *words],
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+            timeout=60,
+            check=False,
         )
         assert done.returncode == 2, done
         assert done.stdout == '' and done.stderr
@@ -147,8 +157,7 @@ def test_what_the_middleware_prints_is_no_part_of_an_answer(tmp_path: Path, monk
 
 
 def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) -> None:
-    command = [*COMMAND, 'watch', '--json', '--namespace', NAMESPACE]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
+    with start('watch', '--json', '--namespace', NAMESPACE) as watching:
         assert watching.stdout is not None and watching.stderr is not None
         deadline = threading.Timer(30.0, watching.kill)
         deadline.start()
@@ -175,8 +184,7 @@ def test_watch_tells_people_what_is_latched_in_its_order(executive: ScriptedExec
 
 
 def test_watch_survives_that_nobody_reads(executive: ScriptedExecutive) -> None:
-    command = [*COMMAND, 'watch', '--namespace', NAMESPACE]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watching:
+    with start('watch', '--namespace', NAMESPACE) as watching:
         assert watching.stdout is not None and watching.stderr is not None
         watching.stdout.readline()
         watching.stdout.close()
@@ -192,8 +200,7 @@ def test_watch_survives_that_nobody_reads(executive: ScriptedExecutive) -> None:
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, number: signal.Signals) -> None:
     executive = executives(f'wait{number}', faults=Faults(swallow_commands=True))
-    command = [*COMMAND, 'stop', '--namespace', f'wait{number}', '--timeout', '60']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as waiting:
+    with start('stop', '--namespace', f'wait{number}', '--timeout', '60') as waiting:
         assert waiting.stderr is not None
         wait_until(lambda: executive.do(lambda: len(executive.received)), 'the command')
         waiting.send_signal(number)
@@ -235,7 +242,7 @@ def test_output_that_is_not_utf_8(executive: ScriptedExecutive) -> None:
     executive.do(lambda: executive.log('Küche → Flur'))
     environment = {**os.environ, 'PYTHONIOENCODING': 'ascii', 'LC_ALL': 'C'}
     done = subprocess.run(
-        [*COMMAND, 'log', '--namespace', NAMESPACE],
+        [sys.executable, *COMMAND, 'log', '--namespace', NAMESPACE],
         capture_output=True,
         env=environment,
         timeout=60,

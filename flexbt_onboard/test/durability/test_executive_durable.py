@@ -11,7 +11,6 @@ import random
 import resource
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -24,11 +23,16 @@ from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.system.fork_server import ForkedProcess
+from flexbt_testing.system.python_process import logged_python_process
 from flexbt_testing.waiting import wait_until
 
 C = ExecutiveCommand
 KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))
 SEED = int(os.environ.get('FLEXBT_SEED', '1'))
+
+
+LOADED = ('flexbt_onboard.node', 'flexbt_testing.nodes.executive_bench', 'flexbt_testing.state_machines')
 
 
 class DurableBench(Operator):
@@ -39,7 +43,7 @@ class DurableBench(Operator):
         self.directory = directory
         self._due = 0.0
         self._launched = 0
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: ForkedProcess | subprocess.Popen[bytes] | None = None
 
     def launch(self) -> int:
         """Start the executive; gives the state that it shows first."""
@@ -47,7 +51,7 @@ class DurableBench(Operator):
         self._launched = len(self.statuses)
         script = str(Path(__file__).with_name('durable_process.py'))
         with (self.directory / 'log').open('ab') as log:
-            self._process = subprocess.Popen([sys.executable, script, str(self.directory)], stdout=log, stderr=log)
+            self._process = logged_python_process([script, str(self.directory)], log.fileno(), LOADED)
         wait_until(lambda: self.statuses and self.status.executive_id not in known, 'first status')
         return int(self.status.state)
 

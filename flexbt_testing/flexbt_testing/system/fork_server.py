@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import importlib
 import json
 import os
+import pkgutil
 import select
 import signal
 import socket
@@ -77,8 +77,8 @@ class ForkedProcess:
 class ForkServer:
     """The process that starts those of one executable, by the module whose ``main()`` that runs.
 
-    ``prepared``: names of functions that load more, which each of them would call after its start: what numba has
-    compiled takes longer than all else.
+    ``prepared``: names of more modules that each of them would import, and of functions that load more, which each
+    would call after its start: what numba has compiled takes longer than all else.
     """
 
     def __init__(self, module: str, *prepared: str) -> None:
@@ -92,11 +92,17 @@ class ForkServer:
             )
 
     def start(
-        self, words: Sequence[str], output: int, environment: Mapping[str, str], fifo: Path | None = None
-    ) -> ForkedProcess:
-        """Start a process with this command line, what it says going to the file ``output``.
+        self,
+        words: Sequence[str],
+        output: int,
+        environment: Mapping[str, str],
+        fifo: Path | None = None,
+        *,
+        errors: int | None = None,
+    ) -> int:
+        """Start a process with this command line, what it says going to the file ``output``; gives its number.
 
-        ``fifo``: from where its threads are held up (:mod:`.hold_up`).
+        ``fifo``: from where its threads are held up (:mod:`.hold_up`). ``errors``: another file for standard error.
         """
         request = {
             'words': words,
@@ -104,7 +110,7 @@ class ForkServer:
             'directory': str(Path.cwd()),
             'fifo': str(fifo) if fifo else None,
         }
-        return ForkedProcess(self, self._ask(request, [output]))
+        return self._ask(request, [output, output if errors is None else errors])
 
     def exit_code(self, pid: int) -> int:
         """Of a process that has ended."""
@@ -139,14 +145,14 @@ def fork_server(module: str, *prepared: str) -> ForkServer:
     return server
 
 
-def _serve(connection: socket.socket) -> tuple[dict[str, Any], int] | None:
+def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
     """Starts processes, and tells how they have ended; None when nobody asks any more, and those left are ended.
 
-    In each fork it gives what that has been asked to become: the request, and the file for what it says.
+    In each fork it gives what that has been asked to become: the request, and the files for what it says.
     """
     left: set[int] = set()
     while True:
-        data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 1)
+        data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 2)
         if not data:
             for pid in left:
                 os.kill(pid, signal.SIGKILL)
@@ -158,21 +164,25 @@ def _serve(connection: socket.socket) -> tuple[dict[str, Any], int] | None:
         else:
             answer = os.fork()
             if answer == 0:
-                return request, files[0]
-            os.close(files[0])
+                return request, files
+            for file in files:
+                os.close(file)
             left.add(answer)
         connection.send(str(answer).encode())
 
 
-def _become(request: Mapping[str, Any], output: int) -> None:
+def _become(request: Mapping[str, Any], files: Sequence[int]) -> None:
     """In the fork: what a process is given when it is started."""
     sys.argv = request['words']
     os.environ.clear()
     os.environ.update(request['environment'])
     os.chdir(request['directory'])
-    for stream in (1, 2):
-        os.dup2(output, stream)
-    os.close(output)
+    for stream, file in enumerate(files, 1):
+        os.dup2(file, stream)
+        os.close(file)
+    # Those of the server know whether its files can be sought in.
+    said, told = os.fdopen(1, 'w', closefd=False), os.fdopen(2, 'w', 1, errors='backslashreplace', closefd=False)
+    vars(sys).update(stdout=said, __stdout__=said, stderr=told, __stderr__=told)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if request['fifo']:
         listen(Path(request['fifo']))
@@ -184,8 +194,9 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     load(module)
     for name in prepared:
-        path, _, function = name.rpartition('.')
-        getattr(importlib.import_module(path), function)()
+        found = pkgutil.resolve_name(name)
+        if callable(found):
+            found()
     with socket.socket(fileno=int(descriptor)) as connection:
         fork = _serve(connection)
     if fork is None:

@@ -123,7 +123,8 @@ class Stack:
             # Modules read some of the environment as they are loaded: with another one, they are loaded anew.
             if self._forked and base in MODULES and environment is None:
                 server = fork_server.fork_server(*MODULES[base])
-                self._processes[name] = server.start(words, log.fileno(), os.environ, fifo)
+                pid = server.start(words, log.fileno(), os.environ, fifo)
+                self._processes[name] = fork_server.ForkedProcess(server, pid)
                 return
             if fifo is not None:
                 words = [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo), *words]

@@ -69,7 +69,7 @@ def test_forks_are_ended_though_their_server_is_gone(
 def test_forks_end_with_whoever_had_them_started(sleeper: str, tmp_path: Path) -> None:
     server = fork_server.ForkServer(sleeper)
     with (tmp_path / 'log').open('wb') as log:
-        end = os.pidfd_open(server.start(['sleeper'], log.fileno(), os.environ).pid)
+        end = os.pidfd_open(server.start(['sleeper'], log.fileno(), os.environ))
     server.close()
     assert select.select([end], [], [], 60.0)[0]
     os.close(end)

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a fork runs that is to be a process of Python: the program of its command line, as the interpreter takes it."""
+
+from __future__ import annotations
+
+import faulthandler
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType
+
+# What programs of tests import: a fork of a process that has loaded this need not load it.
+import flexbt_common.calls
+import flexbt_common.lifecycle
+import flexbt_common.liveness
+import flexbt_common.runtime  # noqa: F401
+
+
+def main() -> int:
+    """Run ``-c TEXT``, ``-m MODULE`` or ``FILE``, with the arguments that follow; gives the exit code."""
+    faulthandler.enable()
+    how, *rest = sys.argv[1:]
+    if how == '-c':
+        text, *arguments = rest
+        sys.argv, sys.path[0] = [how, *arguments], ''
+        program = sys.modules['__main__'] = ModuleType('__main__')
+        exec(compile(text, '<string>', 'exec'), program.__dict__)  # noqa: S102  # that of a test
+    elif how == '-m':
+        module, *arguments = rest
+        sys.argv, sys.path[0] = [module, *arguments], str(Path.cwd())
+        runpy.run_module(module, run_name='__main__', alter_sys=True)
+    else:
+        sys.argv, sys.path[0] = [how, *rest], str(Path(how).parent)
+        runpy.run_path(how, run_name='__main__')
+    return 0
