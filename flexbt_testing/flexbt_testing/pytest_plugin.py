@@ -40,8 +40,12 @@ HOSTILE_YAML: Final[Mapping[str, str]] = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests() -> None:
-    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later."""
+    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later.
+
+    No garbage is collected until the tests are: what they import stays.
+    """
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+    gc.disable()
 
 
 def pytest_configure() -> None:
@@ -60,6 +64,7 @@ def pytest_collection_finish() -> None:
     """What has been imported stays to the end: collections of garbage need not go through it again and again."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def entities_of(node: Any) -> Counter[type]:
