@@ -31,7 +31,6 @@ from _figures import write_figures
 from proof_missions import under_a_machine
 
 from flexbt_core.behavior_tree import NodeKind, TreeLoadError
-from flexbt_core.errors import FlexbtError
 from flexbt_core.exploration import Bounds, Limits
 from flexbt_core.monitors import Stated, parse_requirement
 from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
@@ -39,12 +38,13 @@ from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
 from flexbt_tools.behavior_proofs import Version, compare_behaviors, prove_behavior
 from flexbt_tools.behaviors import build, installed, used_trees
-from flexbt_tools.errors import RefusedError, ToolError
+from flexbt_tools.errors import RefusedError, UnfitError
 from flexbt_tools.proofs import KeptProofs, compare_trees, prove_tree
 from flexbt_tools.tree_checks import Severity, check_trees
 from flexbt_tools.trees import OpenRegistry, find_resource, read_library, roots
 
 TARGET: Final = 0.95
+REFUSALS: Final = (TreeLoadError, RefusedError, UnfitError)
 SECONDS: Final = 30.0
 """CPU time for the proof of one, and for looking whether it does the same."""
 
@@ -378,12 +378,14 @@ OF_MACHINES: Final = {
 
 
 class Slip(NamedTuple):
-    """A mission with a change: who finds it, and whether the mission does what it did before."""
+    """A mission with a change: who finds it, whether it is refused (it cannot be loaded, or lacks what requirements are
+    about), and whether the mission does what it did before."""
 
     text: str
-    is_checked: bool
-    is_proved: bool
-    is_alike: bool
+    is_checked: bool = False
+    is_proved: bool = False
+    is_refused: bool = False
+    is_alike: bool = False
 
 
 @cache
@@ -424,12 +426,12 @@ class OfTree:
         try:
             library, key = self._library(str(file))
             report = prove_tree(library, key, required=self._required, limits=Limits(SECONDS))
-        except (RefusedError, TreeLoadError, ToolError):
-            return Slip(text, is_checked, True, False)
+        except REFUSALS:
+            return Slip(text, is_checked, is_refused=True)
         is_proved = bool(report.counterexamples)
         is_found = is_checked or is_proved
         is_alike = not is_found and compare_trees(self._sound, (library, key), limits=Limits(SECONDS)).is_same
-        return Slip(text, is_checked, is_proved, is_alike)
+        return Slip(text, is_checked, is_proved, is_alike=is_alike)
 
     def _library(self, file: str) -> Any:
         library = read_library([file, *self._others], _registry())
@@ -466,10 +468,11 @@ class OfMachine:
             changed = _with(self._machine, node.path, lambda _, other=other: other)  # type: ignore[misc]
             text = f'{node.path}: {other.transitions} {other.remap}'
             try:
-                is_found = bool(self._proved(changed))
-            except FlexbtError:
-                is_found = True
-            return Slip(text, False, is_found, not is_found and kind != 'key of a state' and self._is_alike(changed))
+                is_proved = bool(self._proved(changed))
+            except REFUSALS:
+                return Slip(text, is_refused=True)
+            is_alike = not is_proved and kind != 'key of a state' and self._is_alike(changed)
+            return Slip(text, is_proved=is_proved, is_alike=is_alike)
         return None
 
     def _proved(self, machine: MachineDefinition) -> list[str]:
@@ -512,7 +515,7 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('out/proof_slips.json'))
     options = parser.parse_args()
     chance = random.Random(options.seed)
-    tried, checked, found, alike = Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    tried, checked, refused, found, alike = (Counter[str]() for _ in range(5))
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         known = [one for one in missions(Path(folder)) if any(part in one.name for part in options.only or [''])]
@@ -536,17 +539,20 @@ def main() -> int:
                 continue
             tried[kind] += 1
             checked[kind] += slip.is_checked
-            found[kind] += slip.is_checked or slip.is_proved
-            if options.show and not slip.is_checked and not slip.is_proved:
+            refused[kind] += slip.is_refused
+            is_found = slip.is_checked or slip.is_proved or slip.is_refused
+            found[kind] += is_found
+            if options.show and not is_found:
                 print(f'not found: {mission.name}: {kind}: {slip.text}', flush=True)
     seconds = time.process_time() - begin
     share = found.total() / max(1, tried.total())
-    print(f'{"change":24} {"slips":>6} {"checked":>8} {"found":>6} {"no slip":>8}')
+    print(f'{"change":24} {"slips":>6} {"checked":>8} {"refused":>8} {"found":>6} {"no slip":>8}')
     for kind in (*OF_TREES, *OF_MACHINES):
-        print(f'{kind:24} {tried[kind]:6} {checked[kind]:8} {found[kind]:6} {alike[kind]:8}')
-    total = f'{tried.total():6} {checked.total():8} {found.total():6} {alike.total():8}'
+        print(f'{kind:24} {tried[kind]:6} {checked[kind]:8} {refused[kind]:8} {found[kind]:6} {alike[kind]:8}')
+    total = f'{tried.total():6} {checked.total():8} {refused.total():8} {found.total():6} {alike.total():8}'
     print(f'{"all":24} {total}  {share:.1%} (target {TARGET:.0%}), {seconds:.0f} s of CPU')
-    figures = {'slips': dict(tried), 'by check': dict(checked), 'found': dict(found), 'no slip': dict(alike)}
+    counted = {'slips': tried, 'by check': checked, 'refused': refused, 'found': found, 'no slip': alike}
+    figures = {name: dict(counter) for name, counter in counted.items()}
     write_figures(options.output, {**figures, 'share': share, 'CPU, s': seconds, 'false alarms': len(alarms)})
     return 0 if share >= TARGET and not alarms else 1
 

@@ -86,7 +86,10 @@ TREE_LAYOUT: Final = Layout(
         ModelAction: frozenset(('needs', '_path')),
         ModelInstant: frozenset(('needs', '_path')),
         TreeMonitor: frozenset(
-            ('_found', '_tree', '_nodes', '_resources', '_named', '_has_requirements', '_is_woken_only', '_holding')
+            (
+                *('_found', '_tree', '_nodes', '_resources', '_aliases', '_called', '_named', '_has_requirements'),
+                *('_is_woken_only', '_answers'),
+            )
         ),
         Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
         Tree: frozenset(

@@ -124,7 +124,7 @@ class MachineMonitor:
         if self._has_requirements:
             self.requirements.rests(run.pausing.is_paused)
             if self.requirements.aparts:
-                self.requirements.works(self._visits.inside)
+                self.requirements.works([(path,) for path in self._visits.inside])
 
     def next_wake(self) -> float | None:
         return self.requirements.next_due()

@@ -267,6 +267,8 @@ def _unknown(stated: Stated, known: Vocabulary, what: str) -> Iterator[str]:
             if name not in known.working:
                 kind = 'leaf that takes time' if known.is_tree else 'state'
                 yield f"{what} has no {kind} '{name}'{hint(name, known.working)}"
+        if isinstance(one, Apart) and one.one == one.other and len(known.parts.get(one.one, ())) == 1:
+            yield f"{what} has one '{one.one}' only, and that is never beside itself"
         if isinstance(one, While) and one.condition not in known.conditions:
             yield f"{what} has no condition '{one.condition}'{hint(one.condition, known.conditions)}"
         return

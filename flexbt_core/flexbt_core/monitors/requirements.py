@@ -4,14 +4,15 @@
 Events of a machine are ``/Path`` (a state or machine is entered), ``/Path > outcome`` (it was left by it), and
 ``=outcome`` (the machine ends by it). Those of a tree are ``name`` (a leaf begins to work, or is done at once),
 ``name > SUCCESS``, ``name > FAILURE``, ``name > halted``, and ``=SUCCESS`` or ``=FAILURE``. The name of a leaf
-that has none is its type, and means each such leaf of the type.
+that has none is its type, and means each such leaf of the type; where another leaf has it as its name, that one only.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import NamedTuple
 
 from flexbt_core.values import shown
@@ -245,16 +246,17 @@ class Requirements:
             if isinstance(one, After) and follows not in one.allowed:
                 self._tell(one, left, f'{follows or "nothing"} follows {left}')
 
-    def works(self, working: Sequence[str]) -> None:
-        """These work at the same time: states that are active, or leaves."""
+    def works(self, working: Sequence[Sequence[str]]) -> None:
+        """These work at the same time: states that are active, or leaves, each with all its names."""
         for one in self.aparts:
-            if one.one in working and one.other in working:
+            if any(one.one in first and one.other in second for first, second in permutations(working, 2)):
                 self._tell(one, one.one, f'{one.one} works while {one.other} does')
 
-    def unguarded(self, working: Sequence[str], holding: Iterable[str]) -> None:
-        """After a tick: leaves that work, and the conditions that were asked in it and held."""
+    def unguarded(self, working: Sequence[Sequence[str]], holding: Collection[str]) -> None:
+        """After a tick: leaves that work, each with all its names, and the conditions that were asked in it and all
+        held."""
         for one in self.whiles:
-            if one.works in working and one.condition not in holding:
+            if any(one.works in names for names in working) and one.condition not in holding:
                 self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or does not hold')
 
     def rests(self, is_paused: bool) -> None:
@@ -351,8 +353,8 @@ def _events(one: Requirement) -> set[str]:
 def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
     """What parts of one name are that they should not be.
 
-    Leaves without a name are called by their type, and another node may have that as its name: a type is that of the
-    latter, and ports are those of whichever has them.
+    Leaves without a name are called by their type, and a control, decorator or sub-tree may have that as its name: a
+    type is that of the latter, and ports are those of whichever has them, and of all that are of its type.
     """
     if isinstance(one, IsA):
         named = [part for part in parts if part.type != one.name.rpartition('/')[2]]
@@ -360,7 +362,8 @@ def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
         return
     for port, text in one.values:
         given = [part.values[port] for part in parts if port in part.values]
-        if parts and not given:
+        types = {part.type for part in parts if port in part.values}
+        if (parts and not given) or any(part.type in types and port not in part.values for part in parts):
             yield f'{one.name} is given no {port}'
         yield from (f'{one.name} has {port}={shown(other)}' for other in given if ' '.join(other.split()) != text)
 

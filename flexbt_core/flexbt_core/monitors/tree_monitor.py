@@ -7,11 +7,9 @@ and ``on_halted``. All other nodes are as they were, so a tick costs more only b
 
 from __future__ import annotations
 
-import re
 import types
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
@@ -31,7 +29,6 @@ from .requirement_text import Vocabulary, tree_vocabulary
 from .requirements import Part, Parts, Requirement, Requirements
 
 _ABSENT: Final = object()
-_NUMBER: Final = re.compile(r'::\d+(?=/|$)')
 
 
 class TreeMonitor:
@@ -61,10 +58,12 @@ class TreeMonitor:
         self._is_woken_only = is_woken_only
         self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
         self._resources: dict[TreeNode, frozenset[str]] = {}
+        self._aliases: dict[str, str] = {}  # of paths: the same without the numbers of nodes that have no name
+        self._called: dict[str, tuple[str, ...]] = {}  # of the paths of leaves: what requirements call them
         self._open: dict[LeafNode, None] = {}  # leaves that work
         self._acting: dict[LeafNode, None] = {}  # of those that have actuators, who has them
         self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
-        self._holding: set[str] = set()  # conditions that hold in this tick
+        self._answers: dict[TreeNode, NodeStatus] = {}  # of the conditions that were asked in this tick
         self._starting: LeafNode | None = None
         self._is_taken = False  # an actuator, so that it may have two owners
         self._tree: Tree
@@ -74,15 +73,22 @@ class TreeMonitor:
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
         """What is made in the place of a node: see ``substitute`` of :class:`~flexbt_core.behavior_tree.Tree`."""
         manifest = definition.manifest
+        alias = self._aliases[path] = self._alias(definition, path)
         if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
             return definition
         if issubclass(manifest.node_class, StatefulAction):
             made = _watched_action(manifest.node_class)
-        elif not self._named.isdisjoint(_names(path)):
+        elif not self._named.isdisjoint((path, alias)):
             made = _watched_leaf(manifest.node_class)
         else:
             return definition
         return definition._replace(manifest=replace(manifest, node_class=made))
+
+    def _alias(self, definition: NodeDefinition, path: str) -> str:
+        name = definition.name
+        is_unnamed = name == (definition.tree_id or definition.manifest.id)
+        scope = (path.rpartition('::')[0] if is_unnamed else path)[: -len(name) - 1]
+        return f'{self._aliases.get(scope, scope)}/{name}' if scope else name
 
     def begins(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
@@ -91,9 +97,13 @@ class TreeMonitor:
         self._learn()
 
     def _learn(self) -> None:
-        """Which nodes have which actuators; leaves may get trees of their own, which are nodes of the tree then."""
+        """Which nodes have which actuators, and what leaves are called: by their path, and those without a name by
+        their type, where no other leaf has that as its name. Leaves may get trees of their own, which are nodes of the
+        tree then."""
         tree = self._tree
         self._nodes = tree.nodes
+        own = {node.path for node in tree.nodes if isinstance(node, LeafNode)}
+        self._called = {path: self._names(path) if self._aliases[path] not in own else (path,) for path in own}
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):
             skill = node_skill(definition.manifest) if isinstance(node, StatefulAction) else None
             if skill is not None and skill.resources:
@@ -103,19 +113,26 @@ class TreeMonitor:
     def vocabulary(self) -> Vocabulary:
         """What requirements of this tree can be about."""
         leaves = [node for node in self._tree.nodes if isinstance(node, LeafNode)]
-        names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in _names(leaf.path))
+        names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in self._called[leaf.path])
         return tree_vocabulary(names, self._parts())
 
     def _parts(self) -> Parts:
         found: dict[str, list[Part]] = {}
+        scopes = {one.blackboard: f'{one.path}/' if one.path else '' for one in self._tree.subtrees}
         for node, definition in zip(self._tree.nodes, self._tree.definitions, strict=True):
-            values = {
-                port: str(value.text) if value.key is None else f'{{{node.blackboard.outermost(value.key)}}}'
-                for port, value in definition.values.items()
-            }
-            for name in _names(node.path):
+            values = {}
+            for port, value in definition.values.items():
+                if value.key is None:
+                    values[port] = str(value.text)
+                else:
+                    board, key = node.blackboard.outermost(value.key)
+                    values[port] = f'{{{scopes.get(board, "@")}{key}}}'
+            for name in self._called.get(node.path) or self._names(node.path):
                 found.setdefault(name, []).append(Part(definition.tree_id or node.id, values))
         return found
+
+    def _names(self, path: str) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((path, self._aliases[path])))
 
     def look(self) -> None:
         """Look at what the tree is made of, before its first tick: whether that is what is required."""
@@ -216,8 +233,8 @@ class TreeMonitor:
         """A leaf was done within a tick."""
         self._event(leaf)
         self._tell_result(leaf, status)
-        if status is SUCCESS:
-            self._holding.update(_names(leaf.path))
+        if status is SUCCESS or status is FAILURE:
+            self._answers[leaf] = status
 
     # -- what is looked at when a tick is over -----------------------------------------------------------------------
 
@@ -233,7 +250,9 @@ class TreeMonitor:
             self._event(leaf, f' > {status.name}')
 
     def _event(self, leaf: TreeNode, what: str = '') -> None:
-        for name in _names(leaf.path):
+        if self._tree.nodes is not self._nodes:
+            self._learn()
+        for name in self._called[leaf.path]:
             self.requirements.event(name + what)
 
     def _check_owners(self) -> None:
@@ -246,11 +265,16 @@ class TreeMonitor:
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self.requirements
-        working = [name for leaf in self._open for name in _names(leaf.path)]
+        called = self._called
+        working = [called[leaf.path] for leaf in self._open]
+        holding, failing = (
+            {name for leaf, answer in self._answers.items() if answer is status for name in called[leaf.path]}
+            for status in (SUCCESS, FAILURE)
+        )
         requirements.works(working)
-        requirements.unguarded(working, self._holding)
+        requirements.unguarded(working, holding - failing)
         requirements.rests(self._tree.context.paused)
-        self._holding.clear()
+        self._answers.clear()
         if status is not RUNNING:
             requirements.event(f'={status.name}')
             requirements.ended()
@@ -264,12 +288,6 @@ class TreeMonitor:
             if is_last and isinstance(node, ControlNode):
                 text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
-
-
-@lru_cache(4096)
-def _names(path: str) -> tuple[str, ...]:
-    """What a node is called in requirements: its path; and that without the numbers of nodes that have no name."""
-    return tuple(dict.fromkeys((path, _NUMBER.sub('', path))))
 
 
 @kept_by_class

@@ -98,6 +98,7 @@ def test_all_that_is_wrong_in_a_file_is_told_with_its_line() -> None:
         ('a works only while b holds', 'this can be required of a tree only'),
         ('=ended only with path written', "the userdata of Test has no key 'path'"),
         ('/A never while /C', "Test has no state '/C'"),
+        ('/A never while /A', "Test has one '/A' only"),
         ('after /A > done, =gone before the end', "Test has no event '=gone'"),
         ('never /A > failed', ''),
         ('/Aa is an Scripted', "Test has nothing called '/Aa'; did you mean '/A'?"),

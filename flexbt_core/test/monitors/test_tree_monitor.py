@@ -23,6 +23,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
 from flexbt_core.monitors import (
+    Apart,
     AtMost,
     Before,
     Never,
@@ -77,6 +78,16 @@ class Flag(Condition):
         return SUCCESS if self.holds.get(self.name, True) else NodeStatus.FAILURE
 
 
+class Wavers(Condition):
+    """Holds whenever it, or another one, did not when it was asked before."""
+
+    holds = False
+
+    def tick(self) -> NodeStatus:
+        Wavers.holds = not Wavers.holds
+        return SUCCESS if Wavers.holds else NodeStatus.FAILURE
+
+
 class Turns(Control):
     """Ticks its children by turns, and forgets to halt the one before."""
 
@@ -99,7 +110,7 @@ class Watched:
 
     def __init__(self, body: str, *requirements: Requirement) -> None:
         registry = builtin_registry()
-        registry.register_classes([Work, Drive, RollOn, Flag, Turns, Stalled, ForgetfulFallback])
+        registry.register_classes([Work, Drive, RollOn, Flag, Wavers, Turns, Stalled, ForgetfulFallback])
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
         self.found: list[Violation] = []
         self.clock = ManualClock()
@@ -107,7 +118,7 @@ class Watched:
         library = TreeLibrary([load_xml(text, 'main.xml', registry)])
         self.tree = Tree(library, 'Main', clock=self.clock, substitute=self.monitor.watched)
         self.monitor.begins(self.tree)
-        Work.results, Work.working, Flag.holds, Turns.number = {}, None, {}, 0
+        Work.results, Work.working, Flag.holds, Wavers.holds, Turns.number = {}, None, {}, False, 0
 
     def tick(self, **results: NodeStatus) -> list[str]:
         """One tick, after which leaves have these results; what was found in it."""
@@ -200,6 +211,11 @@ def test_a_control_that_nothing_wakes_is_found() -> None:
     assert Watched('<Delay delay_msec="100"><Work/></Delay>').tick() == []
 
 
+ASKED_TWICE = (
+    '<Sequence><Work name="one"/><ReactiveSequence><{0}/><ForceSuccess><{0}/></ForceSuccess><Work name="other"/>'
+    '</ReactiveSequence></Sequence>'
+)
+BOTH = '<Sequence><Work name="one"/><Parallel><Work/><Work{}/></Parallel></Sequence>'
 REQUIREMENTS: list[tuple[str, Requirement, str]] = [
     (TWO, Before('other', 'gate > SUCCESS'), 'other comes without gate > SUCCESS'),
     (TWO, Never('one > SUCCESS'), 'one > SUCCESS happens'),
@@ -209,6 +225,16 @@ REQUIREMENTS: list[tuple[str, Requirement, str]] = [
         '',
     ),
     (TWO, While('other', 'flag'), 'other works on, and flag was not asked, or does not hold'),
+    (ASKED_TWICE.format('Flag'), While('other', 'Flag'), ''),
+    (
+        ASKED_TWICE.format('Wavers'),
+        While('other', 'Wavers'),
+        'other works on, and Wavers was not asked, or does not hold',
+    ),
+    (BOTH.format(''), Apart('Work', 'Work'), 'Work works while Work does'),
+    (BOTH.format(' name="x"'), Apart('Work', 'Work'), ''),
+    ('<Sequence><Work name="one"/><Flag/><Work name="Flag"/></Sequence>', Never('Flag > SUCCESS'), ''),
+    ('<Sequence><Work name="one"/><Work name="other::2"/></Sequence>', Never('other'), ''),
 ]
 
 
@@ -299,15 +325,21 @@ def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_
     go = '<BehaviorTree ID="Go"><Work name="drive" to="{target}"/></BehaviorTree>'
     trees = '<SubTree ID="Go" name="there" target="{goal}"/><SubTree ID="Go" name="home" target="{base}"/>'
     trees += '<Inverter name="Work"><Work to="x"/></Inverter>'
+    trees += '<SubTree ID="Go" name="away"/><Drive to="{a}"/><Drive/>'
     registry = builtin_registry()
-    registry.register('Work', type('Work', (Work,), {'ports': {'to': input_port(STRING)}}))
+    for base in (Work, Drive):
+        registry.register(
+            base.__name__, type(base.__name__, (base,), {'ports': {'to': input_port(STRING, default='')}})
+        )
     main = f'<BehaviorTree ID="Main"><Sequence>{trees}</Sequence></BehaviorTree>'
     library = TreeLibrary([load_xml(f'<root BTCPP_format="4">{main}{go}</root>', 'main.xml', registry)])
     wrong = ['home/drive has to={target}', 'there is a Come', 'there has target={base}']
+    wrong += ['away/drive has to={target}', 'Drive has to={a}']
     required = [
         'there/drive has to={goal}',
         'home/drive has to={base}',
         'home is a Go',
+        'away/drive has to={away/target}',
         'Work is an Inverter',
         'Work has to=x',
         'Sequence is a Sequence',

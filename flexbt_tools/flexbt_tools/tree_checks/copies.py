@@ -24,12 +24,14 @@ def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]
     leaves = {_letters(one.id): one for one in (*registry, *used) if one.kind in _LEAVES}
     for key in library.tree_keys():
         tree = library.definition(key)
+        looks: dict[int, int] = {}
+        _look(tree.root, looks, {})
         for node in tree.nodes():
             if meant := _meant(node, trees, leaves):
                 yield Diagnostic(MISNAMED, tree.error(node, f'{meant}: is that the one that is meant?'))
             if node.manifest.id in _IN_ORDER:
                 for first, second in pairwise(node.children):
-                    if _looks(first) == _looks(second):
+                    if looks[id(first)] == looks[id(second)]:
                         yield Diagnostic(TWICE, tree.error(second, 'it is there twice in a row, with the same ports'))
 
 
@@ -51,8 +53,12 @@ def _letters(name: str) -> str:
     return re.sub(r'[\W_]', '', name).casefold()
 
 
-def _looks(node: NodeDefinition) -> object:
-    """Everything that a file says of a node, and of those in it."""
+def _look(node: NodeDefinition, looks: dict[int, int], numbers: dict[object, int]) -> int:
+    """A number for everything that a file says of a node, and of those in it; kept in ``looks`` by the ``id`` of each,
+    and in ``numbers`` by what is said."""
     ports = sorted((port, value.key, value.text) for port, value in node.values.items())
     conditions = sorted((name, script.text) for name, script in node.conditions.items())
-    return node.manifest.id, node.tree_id, node.name, repr(ports), conditions, [_looks(one) for one in node.children]
+    children = tuple(_look(one, looks, numbers) for one in node.children)
+    said = node.manifest.id, node.tree_id, node.name, repr(ports), tuple(conditions), children
+    looks[id(node)] = numbers.setdefault(said, len(numbers))
+    return looks[id(node)]

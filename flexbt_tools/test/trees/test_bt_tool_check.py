@@ -229,7 +229,7 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
     ),
     (
         'two sub-trees with one path',
-        ('Main: <Fallback><SubTree ID="S" name="s"/><SubTree ID="S" ^name="s"/></Fallback>', 'S: <AlwaysSuccess/>'),
+        ('Main: <Parallel><SubTree ID="S" name="s"/><SubTree ID="S" ^name="s"/></Parallel>', 'S: <AlwaysSuccess/>'),
         ['refused two sub-trees have the path [s]'],
     ),
 ]

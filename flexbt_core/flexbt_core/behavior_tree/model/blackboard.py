@@ -124,15 +124,15 @@ class Blackboard:
             board = board._parent
         return None
 
-    def outermost(self, key: str) -> str:
-        """What the entry of ``key`` is called in the scope that has it, or would get it by a write."""
+    def outermost(self, key: str) -> tuple[Blackboard, str]:
+        """The scope that has the entry of ``key``, or would get it by a write; and what it is called there."""
         board = self
         while not key.startswith('@') and key not in board._entries and board._parent is not None:
             remapped = board._remaps.get(key)
             if remapped is None and (not board._autoremap or key.startswith('_')):
                 break
             board, key = board._parent, key if remapped is None else remapped
-        return key.removeprefix('@')
+        return (board._root, key[1:]) if key.startswith('@') else (board, key)
 
     def get(self, key: str) -> Any:
         """The value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
