@@ -15,6 +15,7 @@ from flexbt_core.state_machine import Autonomy, MachineDefinition, define, unsur
 from flexbt_demo_night_watch.behavior import NightWatch, rooms_left, unexpected_points
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_server.node_types import node_registry
+from flexbt_testing.behavior_trees.bt_tool import tool
 
 TREES = sorted((Path(__file__).parents[1] / 'trees').glob('*.xml'))
 
@@ -70,6 +71,19 @@ def test_all_trees_load_into_one_library() -> None:
     registry = node_registry(fail)
     documents = [load_xml(file.read_bytes(), file.name, registry) for file in TREES]
     assert set(TreeLibrary().stage(documents).tree_ids()) == {'WatchDrive', 'BatteryLow', 'Charge'}
+
+
+@pytest.mark.parametrize(
+    ('mocks', 'result'),
+    [([], 'FAILURE'), (['BatteryKnown=SUCCESS'], 'SUCCESS'), (['IsBatteryCharging=SUCCESS'], 'SUCCESS')],
+)
+def test_a_robot_is_docked_where_it_is_charged_or_full_and_not_where_nothing_is_known(
+    mocks: list[str], result: str
+) -> None:
+    """IsBatteryLow fails for a full battery, and where nothing is known of it."""
+    words = [word for mock in (*mocks, 'IsBattery*=FAILURE', '*=SUCCESS') for word in ('--mock', mock)]
+    done = tool('run', *map(str, TREES), '--tree', 'Charge', '--set', 'goal=dock', '--quiet', *words)
+    assert result in done.out, done
 
 
 def test_rooms_come_in_order_each_once_and_those_that_were_postponed_last() -> None:

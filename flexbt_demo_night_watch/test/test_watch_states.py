@@ -16,7 +16,9 @@ from std_srvs.srv import SetBool
 from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_demo_night_watch.behavior import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState
+from flexbt_states import CalculationState
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
 
@@ -89,3 +91,38 @@ def test_a_room_is_judged_from_its_place_only(bench: StateBench, x: float, beams
     userdata = {'map': OccupancyGrid(), 'goal': PoseStamped(), 'pose': pose, 'scan': scan, 'finding': None}
     run = bench.run_state(CompareScanState, userdata)
     assert run.wait() == outcome
+
+
+def test_a_place_that_is_missed_twice_is_told(bench: StateBench) -> None:
+    """A robot that has looked from there in between may have been driven away again."""
+    there, beside = PoseStamped(), PoseStamped()
+    beside.pose.position.x = 0.75
+    ends_of_drives = iter([beside, there, beside, beside, there])
+
+    def machine() -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['beside'])
+        for key, value in {'map': OccupancyGrid(), 'goal': there, 'scan': LaserScan(), 'pose': None}.items():
+            machine.userdata[key] = value
+        with machine:
+            OperatableStateMachine.add(
+                'Drive',
+                CalculationState(lambda _pose: next(ends_of_drives)),
+                {'done': 'Look'},
+                remapping={'input_value': 'pose', 'output_value': 'pose'},
+            )
+            ways = {'found': 'Drive', 'clear': 'Drive', 'elsewhere': 'Drive', 'beside': 'beside'}
+            OperatableStateMachine.add('Look', CompareScanState(), ways)
+        return machine
+
+    run = bench.run(machine)
+    assert run.wait() == 'beside'
+    assert 'something may stand there' in run.errors()
+    assert list(ends_of_drives) == [there]
+
+
+def test_a_place_in_another_frame_is_told(bench: StateBench) -> None:
+    userdata = {'map': OccupancyGrid(), 'goal': PoseStamped(), 'pose': PoseStamped(), 'scan': LaserScan()}
+    userdata['goal'].header.frame_id = 'odom'
+    run = bench.run_state(CompareScanState, {**userdata, 'finding': None})
+    run.wait()
+    assert "they are in '', 'odom', ''" in run.errors()

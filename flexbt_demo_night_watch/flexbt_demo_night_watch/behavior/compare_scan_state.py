@@ -37,30 +37,42 @@ class CompareScanState(EventState):
     ># pose         geometry_msgs/PoseStamped   Where the robot is on the map
     ># scan         sensor_msgs/LaserScan       What it sees
 
-    #> finding      geometry_msgs/PoseStamped   Where that is, if there is something
+    #> finding      geometry_msgs/PoseStamped   Where that is, if there is something; the place, if it is beside
 
     <= found                    There is something; the operator is told where.
     <= clear                    Everything that is seen is on the map.
     <= elsewhere                The robot is not at that place: it was driven away meanwhile.
+    <= beside                   Nor is it the next time: it does not get there, as where something stands on the place.
     """
 
     is_instant = True
 
     def __init__(self, reach: float = 2.0) -> None:
         super().__init__(
-            outcomes=['found', 'clear', 'elsewhere'],
+            outcomes=['found', 'clear', 'elsewhere', 'beside'],
             input_keys=['map', 'goal', 'pose', 'scan'],
             output_keys=['finding'],
             desired_rate=None,
         )
         self._reach = reach
+        self._missed: PoseStamped | None = None
 
     def execute(self, userdata: UserData) -> str:
-        place, here = userdata.goal.pose.position, userdata.pose.pose.position
+        goal, missed = userdata.goal, self._missed
+        self._missed = None
+        frames = [message.header.frame_id for message in (userdata.map, goal, userdata.pose)]
+        if len(set(frames)) > 1:
+            raise ValueError(f'map, goal and pose have to be in one frame; they are in {", ".join(map(repr, frames))}')
+        place, here = goal.pose.position, userdata.pose.pose.position
         away = math.hypot(here.x - place.x, here.y - place.y)
-        if away > THERE:
+        if away > THERE and goal != missed:
+            self._missed = goal
             self.log_info(f'the robot is {away:.1f} m from where it shall look: it was driven away meanwhile')
             return 'elsewhere'
+        if away > THERE:
+            userdata.finding = goal
+            self.log_warn(f'the robot is {away:.1f} m from where it shall look, again: something may stand there')
+            return 'beside'
         points = unexpected_points(userdata.map, userdata.pose, userdata.scan, self._reach)
         if len(points) < BEAMS:
             return 'clear'

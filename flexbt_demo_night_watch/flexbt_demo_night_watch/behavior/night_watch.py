@@ -175,8 +175,24 @@ class NightWatch(Behavior):
             OperatableStateMachine.add(
                 'CompareScan',
                 CompareScanState(),
-                transitions={'found': 'JudgeFinding', 'clear': 'NoteRoom', 'elsewhere': 'Drive'},
-                autonomy={'found': Autonomy.Off, 'clear': Autonomy.Off, 'elsewhere': Autonomy.Off},
+                transitions={
+                    'found': 'JudgeFinding',
+                    'clear': 'NoteRoom',
+                    'elsewhere': 'Drive',
+                    'beside': 'JudgePlace',
+                },
+                autonomy=dict.fromkeys(('found', 'clear', 'elsewhere', 'beside'), Autonomy.Off),
+            )
+            OperatableStateMachine.add(
+                'JudgePlace',
+                OperatorDecisionState(
+                    outcomes=['again', 'later', 'alarm'],
+                    hint='The robot does not get to where it shall look; something may stand there. '
+                    'again: drive there once more, later: the other rooms first, alarm: raise the alarm',
+                    suggestion='alarm',
+                ),
+                transitions={'again': 'Drive', 'later': 'Postpone', 'alarm': 'RaiseAlarm'},
+                autonomy={'again': Autonomy.Full, 'later': Autonomy.Full, 'alarm': Autonomy.High},
             )
             # What is found is a matter for a person, whatever the autonomy below Full.
             OperatableStateMachine.add(

@@ -16,7 +16,7 @@ from flexbt_sim.world import Pose, wrap
 
 from .acceleration import car_loops
 from .costmap import INSCRIBED, Costmap
-from .hybrid_kernels import SLACK
+from .hybrid_kernels import SLACK, hybrid_search
 from .motions import Steering
 from .planner import SPACING, Cell, GridPlanner, StopFlag
 
@@ -32,45 +32,57 @@ TIGHT: Final = -0.02
 MOST_STATES: Final = 200_000
 """After so many the search is given up: some seconds."""
 
+MOST_INTERPRETED: Final = 10_000
+"""The same where nothing is compiled: half a minute."""
+
 MOST_BLOCKS: Final = 60_000
 """In which distances to the goal are known beforehand."""
 
 
-def planner_for(
-    costmap: Costmap, steering: Steering, tolerance: float = 0.0, before: Sequence[Pose] = ()
-) -> GridPlanner:
-    """The planner for a robot; ``tolerance`` and ``before`` as :class:`HybridPlanner` has them."""
+def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> GridPlanner:
+    """The planner for a robot; ``tolerance`` as :class:`GridPlanner` has it."""
     if steering.turning_radius:
-        return HybridPlanner(costmap, steering, tolerance, before)
+        return HybridPlanner(costmap, steering, tolerance)
     return GridPlanner(costmap, tolerance)
 
 
 class HybridPlanner(GridPlanner):
     """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it."""
 
-    def __init__(
-        self, costmap: Costmap, steering: Steering, tolerance: float = 0.0, before: Sequence[Pose] = ()
-    ) -> None:
-        """``tolerance`` as for :class:`GridPlanner`; the turning radius of ``steering`` is above 0.
-
-        ``before`` is a path of this planner that the robot may be on: to the same goal the rest of it is the plan as
-        long as it is free. Of two ways that cost nearly the same one begins forward and the other backward, and a robot
-        that is told now this one and now that one gets nowhere.
-        """
+    def __init__(self, costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> None:
+        """``tolerance`` as for :class:`GridPlanner`; the turning radius of ``steering`` is above 0."""
         super().__init__(costmap, tolerance)
         self._steering = steering
-        self._before = before
 
-    def plan(self, start: Pose, goal: Pose, stop: StopFlag | None = None) -> list[Pose]:
+    def plan(
+        self,
+        start: Pose,
+        goal: Pose,
+        stop: StopFlag | None = None,
+        before: Sequence[Sequence[Pose]] = (),
+    ) -> list[Pose]:
         """A path from start to goal that the robot can drive, with the poses of both at its ends.
+
+        Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the
+        robot nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the
+        same one begins forward and the other backward, and a robot that is told now this one and now that one gets
+        nowhere.
 
         Raises:
             NavigationError: as :meth:`GridPlanner.plan`; TIMEOUT when the search is given up.
             PlanningStopped: ``stop`` was set.
         """
-        return super().plan(start, goal, stop)
+        return super().plan(start, goal, stop, before)
 
-    def _way(self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag) -> list[Pose]:
+    def _way(
+        self,
+        start: Pose,
+        source: Cell,
+        goal: Pose,
+        target: Cell,
+        stop: StopFlag,
+        before: Sequence[Sequence[Pose]],
+    ) -> list[Pose]:
         costmap, world = self._costmap, self._costmap.world
         cell = world.resolution
         if costmap.in_collision(start):
@@ -78,15 +90,18 @@ class HybridPlanner(GridPlanner):
                 'START_OCCUPIED' if costmap.touches_map(start) else 'NO_VALID_PATH',
                 f'at the start ({start.x:.2f}, {start.y:.2f}) the robot overlaps an obstacle',
             )
-        if rest := self._rest(start, goal):
-            return list(rest)
+        for path in before:
+            if rest := self._rest(path, start, goal):
+                return list(rest)
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
         shape = self._shape
         ends = self._on_grid(start), self._on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
         slack = SLACK if all(car_loops().room(*shape, SLACK, *end) >= 0.0 for end in ends) else TIGHT
         ahead, block = self._ahead(target)
-        pieces, states = car_loops().hybrid_search(
+        search = car_loops().hybrid_search
+        most = MOST_INTERPRETED if search is hybrid_search else MOST_STATES
+        pieces, states = search(
             *shape,
             slack,
             max(1.0, MARGIN * radius),
@@ -95,27 +110,27 @@ class HybridPlanner(GridPlanner):
             *ends,
             radius,
             self._steering.reverses,
-            MOST_STATES,
+            most,
             stop.cell,
         )
         stop.check()
         if not len(pieces):
             raise NavigationError(
-                'TIMEOUT' if states >= MOST_STATES else 'NO_VALID_PATH',
+                'TIMEOUT' if states >= most else 'NO_VALID_PATH',
                 f'no way with bends of {self._steering.turning_radius:g} m leads to the goal ({goal.x:.2f}, '
                 f'{goal.y:.2f}){"" if self._steering.reverses else " without driving backward"}, '
                 f'of {states} places and headings that were looked at',
             )
         return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
 
-    def _rest(self, start: Pose, goal: Pose) -> Sequence[Pose]:
-        """What is left of the path before; nothing when it led elsewhere, or is not free, or the robot is not on it."""
+    def _rest(self, path: Sequence[Pose], start: Pose, goal: Pose) -> Sequence[Pose]:
+        """What is left of a path before; nothing when it led elsewhere, or is not free, or the robot is not on it."""
         radius = self._steering.turning_radius
-        if not self._before or self._before[-1] != goal:
+        if not path or path[-1] != goal:
             return ()
-        beside = [start.distance(pose) + radius * abs(wrap(pose.yaw - start.yaw)) for pose in self._before]
+        beside = [start.distance(pose) + radius * abs(wrap(pose.yaw - start.yaw)) for pose in path]
         nearest = beside.index(min(beside))
-        rest = self._before[nearest:]
+        rest = path[nearest:]
         if beside[nearest] > 2.0 * MARGIN * radius:
             return ()
         free = all(car_loops().room(*self._shape, TIGHT, *self._on_grid(pose)) >= 0.0 for pose in rest)

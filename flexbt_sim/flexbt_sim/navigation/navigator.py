@@ -141,14 +141,14 @@ class Navigator:
 
     def _planned(self, trip: Trip) -> list[Pose]:
         trip.plans += 1
-        planner = planner_for(self._global.costmap, self._limits.steering, before=self._path)
+        planner = planner_for(self._global.costmap, self._limits.steering)
         try:
-            self._path = planner.plan(self._robot.estimate, trip.goal)
+            self._path = planner.plan(self._robot.estimate, trip.goal, before=[self._path])
         except NavigationError as error:
             if error.code not in RECOVERABLE:
                 raise
             self._global.clear()
-            self._path = planner.plan(self._robot.estimate, trip.goal)
+            self._path = planner.plan(self._robot.estimate, trip.goal, before=[self._path])
         return self._path
 
     def _step(self, motion: Motion, trip: Trip | None = None) -> bool:

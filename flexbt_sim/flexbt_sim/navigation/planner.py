@@ -64,20 +64,33 @@ class GridPlanner:
         self._costmap = costmap
         self._tolerance = tolerance
 
-    def plan_through(self, start: Pose, goals: Sequence[Pose], stop: StopFlag | None = None) -> list[Pose]:
-        """A path from goal to goal; each leg begins where the one before it ends. Raises as :meth:`plan`."""
-        path: list[Pose] = []
-        here = start
-        for goal in goals:
-            path[-1:] = self.plan(here, goal, stop)
-            here = path[-1]
-        return path
+    def plan_through(
+        self,
+        start: Pose,
+        goals: Sequence[Pose],
+        stop: StopFlag | None = None,
+        before: Sequence[Sequence[Pose]] = (),
+    ) -> list[list[Pose]]:
+        """The legs of a path from goal to goal; each begins where the one before it ends. Raises as :meth:`plan`.
 
-    def plan(self, start: Pose, goal: Pose, stop: StopFlag | None = None) -> list[Pose]:
+        ``before`` is for the first one: the others begin at a goal, and not where the robot is.
+        """
+        legs: list[list[Pose]] = []
+        for goal in goals:
+            legs.append(self.plan(legs[-1][-1], goal, stop) if legs else self.plan(start, goal, stop, before))
+        return legs
+
+    def plan(
+        self,
+        start: Pose,
+        goal: Pose,
+        stop: StopFlag | None = None,
+        before: Sequence[Sequence[Pose]] = (),
+    ) -> list[Pose]:
         """A path from start to goal, with the goal's own pose at its end; just this one if they are in one place.
 
         The robot overlaps no obstacle on its poses and between them. From a start where it does, the path leads
-        straight out.
+        straight out. ``before`` are paths that the robot may be on, for planners to which that matters.
 
         Raises:
             NavigationError: START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED, GOAL_OCCUPIED or NO_VALID_PATH.
@@ -99,9 +112,17 @@ class GridPlanner:
             if near is None:
                 raise reason if target is not None else self._occupied(goal)
             target, goal = near, Pose(*costmap.world.point(*near), goal.yaw)
-        return self._way(start, source, goal, target, stop)
+        return self._way(start, source, goal, target, stop, before)
 
-    def _way(self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag) -> list[Pose]:
+    def _way(
+        self,
+        start: Pose,
+        source: Cell,
+        goal: Pose,
+        target: Cell,
+        stop: StopFlag,
+        before: Sequence[Sequence[Pose]],
+    ) -> list[Pose]:
         """A path, where one over cells leads from the one near the start to the one near the goal."""
         cells = self._search(source, target, stop)
         begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (start, goal))

@@ -24,7 +24,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import STOP, Costmap, PathFollower, Velocity, planner_for
+from flexbt_sim.navigation import STOP, Costmap, PathFollower, StopFlag, Velocity, planner_for
 from flexbt_sim.ros_messages import stamped
 from flexbt_sim.server_common import (
     CANCELED,
@@ -204,6 +204,7 @@ class DockGoal:
         self._motion: DockMotion | None = None
         self._began = server.runtime.clock.now()
         self._pose = Pose(0.0, 0.0, 0.0)
+        self._stop = StopFlag()
 
     def begin(self) -> None:
         """Take the robot from whatever drives it, and find the dock."""
@@ -228,6 +229,7 @@ class DockGoal:
             self._motion.update(costmap)
 
     def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
+        self._stop.set()  # the next goal does not wait for a search that nobody wants any more
         if end.succeeded:
             self._server.docked(self._kind, self._pose)
         retries = self._motion.retries if self._motion is not None else 0
@@ -270,8 +272,8 @@ class DockGoal:
             self._drive(None)
             return
         planner = planner_for(robot.costmaps.shared, server.parameters.follower.steering)
-        start = robot.pose
-        server.computation.run(self._goal, lambda: planner.plan(start, staging), self._on_path, self._on_no_path)
+        start, stop = robot.pose, self._stop
+        server.computation.run(self._goal, lambda: planner.plan(start, staging, stop), self._on_path, self._on_no_path)
 
     def _on_no_path(self, end: GoalEnd) -> None:
         self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))

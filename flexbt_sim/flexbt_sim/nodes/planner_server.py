@@ -46,7 +46,7 @@ class PlannerServer:
         self._parameters = parameters
         self._robot = robot
         self._computation = Computation(runtime, 'planner')
-        self._path: list[Pose] = []
+        self._legs: list[list[Pose]] = []
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         actions = (
             (ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
@@ -99,7 +99,7 @@ class PlannerServer:
         try:
             start = poses.pop() if goal.request.use_start else self._robot.pose
             costmap, parameters = self._robot.costmaps.shared, self._parameters
-            planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance, self._path)
+            planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance)
         except Exception as error:
             fail(error)
             return
@@ -107,8 +107,9 @@ class PlannerServer:
         goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
 
         def plan() -> Path:
-            self._path = planner.plan_through(start, poses, stop)
-            return path_message(self._path, parameters.map_frame, self._runtime.clock.stamp())
+            legs = self._legs = planner.plan_through(start, poses, stop, self._legs)
+            path = [*(pose for leg in legs[:-1] for pose in leg[:-1]), *legs[-1]]
+            return path_message(path, parameters.map_frame, self._runtime.clock.stamp())
 
         self._computation.run(goal, plan, lambda path: self._planned(path, on_end), on_end)
 

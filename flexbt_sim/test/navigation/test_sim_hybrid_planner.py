@@ -12,8 +12,17 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import Costmap, HybridPlanner, Inflation, Navigator, Steering, StopFlag
-from flexbt_sim.navigation.acceleration import car_loops
+from flexbt_sim.navigation import (
+    Costmap,
+    HybridPlanner,
+    Inflation,
+    Navigator,
+    Steering,
+    StopFlag,
+    hybrid_kernels,
+    hybrid_planner,
+)
+from flexbt_sim.navigation.acceleration import CarLoops, car_loops
 from flexbt_sim.navigation.hybrid_planner import STEERING_RESERVE
 from flexbt_sim.navigation.track import drivable_legs
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
@@ -130,13 +139,38 @@ def test_the_rest_of_a_path_is_the_plan_as_long_as_it_is_free() -> None:
     start, goal = Pose(-12.0, 0.0, 0.0), Pose(12.0, 4.0, 1.0)
     path = HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal)
     here = path[100]._replace(y=path[100].y + 0.1)
-    again = HybridPlanner(costmap, Steering(RADIUS), before=path)
-    assert again.plan(here, goal) == path[100:]
+    planner = HybridPlanner(costmap, Steering(RADIUS))
+    assert planner.plan(here, goal, before=[path]) == path[100:]
     aside = here._replace(y=here.y + 2.0)
-    check(costmap, again.plan(aside, goal), aside, goal)
+    check(costmap, planner.plan(aside, goal, before=[path]), aside, goal)
     blocked = yard(((15, 24, 2, 2),))
     assert any(map(blocked.in_collision, path[100:]))
-    check(blocked, HybridPlanner(blocked, Steering(RADIUS), before=path).plan(here, goal), here, goal)
+    check(blocked, HybridPlanner(blocked, Steering(RADIUS)).plan(here, goal, before=[path]), here, goal)
+
+
+def test_a_goal_on_the_way_that_has_moved_a_little_is_met_where_it_is_now() -> None:
+    """Of the way before, only what begins at the robot is gone on with; the leg after it begins at its goal."""
+    costmap = yard(())
+    planner = HybridPlanner(costmap, Steering(RADIUS))
+    start, middle, goal = Pose(-12.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), Pose(12.0, 4.0, 1.0)
+    before = planner.plan_through(start, [middle, goal])
+    here = start._replace(y=0.1)
+    assert planner.plan_through(here, [middle, goal], before=before) == before
+    moved = middle._replace(y=0.2)
+    legs = planner.plan_through(here, [moved, goal], before=before)
+    for leg, begin, end in zip(legs, (here, moved), (moved, goal), strict=True):
+        check(costmap, leg, begin, end)
+
+
+def test_a_search_that_is_not_compiled_is_given_up_earlier(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        hybrid_planner, 'car_loops', lambda: CarLoops(*(getattr(hybrid_kernels, name) for name in CarLoops._fields))
+    )
+    monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', 30)
+    planner = HybridPlanner(yard(LANE, 0.5), Steering(RADIUS, reverses=False))
+    with pytest.raises(NavigationError, match='of 30 places') as raised:
+        planner.plan(Pose(-8.0, 0.0, 0.0), Pose(-8.0, 0.0, math.pi))
+    assert raised.value.code == 'TIMEOUT'
 
 
 def test_a_car_turns_round_where_it_needs_several_moves() -> None:
