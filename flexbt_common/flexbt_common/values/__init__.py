@@ -12,7 +12,7 @@ from .entries import (
     to_entry,
     value_to_text,
 )
-from .limits import LONG_TEXT, MESSAGE, check_limits, length_of
+from .limits import LONG_TEXT, MESSAGE, check_limits, length_of, make_sendable
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
@@ -29,6 +29,7 @@ __all__ = [
     'from_entry',
     'from_plain',
     'length_of',
+    'make_sendable',
     'message_type_name',
     'resolve_type',
     'seconds_of',

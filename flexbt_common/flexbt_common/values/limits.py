@@ -12,15 +12,17 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, NamespacedType
+from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, BasicType, NamespacedType
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_core.values import shown
+from flexbt_core.values import sendable, shown
 
 from .value_types import class_of_slot
 
 TEXT: Final = 1_000
 """Characters of a text that :data:`LIMITS` does not name: of a name, a key, a frame, an identifier."""
+_TOLD: Final = 60
+"""Characters that may tell in a text how much of it is left out; see :func:`flexbt_core.values.sendable`."""
 LIST: Final = 1_000
 """Elements of a list that it does not name."""
 LONG_TEXT: Final = 50_000
@@ -47,7 +49,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/SynthesizeBehavior_Goal.initial_conditions[]': 20_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.system': 4_096,
     'flexbt_msgs/SynthesizeBehavior_Goal.specification': 4_096,
-    # What a console takes of an executive, which cuts texts that may be longer (LONG_TEXT).
+    # What a console takes of an executive, which cuts texts that are longer (LONG_TEXT, make_sendable).
     'flexbt_msgs/ExecutiveStatus.message': 2 * LONG_TEXT,
     'flexbt_msgs/ExecutiveStatus.active_states': 10_000,
     'flexbt_msgs/ExecutiveStatus.decisions': 10_000,
@@ -115,6 +117,35 @@ def check_limits(message: Any) -> None:
         raise LimitExceededError(
             f'{type(message).__name__}: a message of {length} characters, bytes and elements; {_most(MESSAGE)}'
         )
+
+
+def make_sendable(message: Any) -> None:
+    """Make every text of a message, in place, one that can be sent and that is within its bound: receivers leave a
+    whole message aside when one of its texts is too long.
+    """
+    package = type(message).__module__.partition('.')[0]
+    for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
+        before = getattr(message, name)
+        made = _made_sendable(before, slot, f'{package}/{type(message).__name__}.{name}')
+        if made is not before:
+            setattr(message, name, made)
+
+
+def _made_sendable(value: Any, slot: Any, key: str) -> Any:
+    """The value itself where nothing had to be changed, or where it is a message."""
+    if isinstance(slot, AbstractString | AbstractWString):
+        limit = LIMITS.get(key, TEXT)
+        made = sendable(value, None if len(value) <= limit else limit - _TOLD)
+        return value if made == value else made
+    if isinstance(slot, NamespacedType):
+        message_type: Any = class_of_slot(slot)
+        if _check_of(message_type, True) is not None:
+            make_sendable(value)
+    elif isinstance(slot, Array | AbstractSequence) and not isinstance(slot.value_type, BasicType):
+        elements = [_made_sendable(one, slot.value_type, f'{key}[]') for one in value]
+        if any(made is not one for made, one in zip(elements, value, strict=True)):
+            return elements
+    return value
 
 
 def length_of(message: Any) -> int:

@@ -14,14 +14,23 @@ from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Path
+from rclpy.serialization import serialize_message
 
 import flexbt_msgs.action
 import flexbt_msgs.msg
 import flexbt_msgs.srv
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.values import check_limits, to_entry
+from flexbt_common.values import check_limits, make_sendable, to_entry
 from flexbt_common.values.limits import LIMITS, MESSAGE, TEXT
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PendingDecision,
+    PlaceList,
+)
 from flexbt_testing.nodes.oversized import MOST_ELEMENTS, oversized
 
 
@@ -41,6 +50,8 @@ RECEIVED = [
     *_interfaces(simulation_interfaces.srv, 'Request'),
 ]
 
+SENT_BY_EXECUTIVES = [ExecutiveStatus, BehaviorStructure, BehaviorList, PlaceList, ExecutiveLog]
+
 
 @pytest.mark.parametrize('message_type', RECEIVED, ids=lambda one: one.__name__)
 def test_too_much_in_any_field_is_refused_by_its_name(message_type: type[Any]) -> None:
@@ -53,6 +64,30 @@ def test_too_much_in_any_field_is_refused_by_its_name(message_type: type[Any]) -
         assert text.startswith(f'{path} has ')
         assert 'at most' in text
         assert len(text) < 300
+
+
+@pytest.mark.parametrize('message_type', SENT_BY_EXECUTIVES, ids=lambda one: one.__name__)
+def test_a_text_that_is_too_long_is_cut_to_its_bound(message_type: type[Any]) -> None:
+    cut = 0
+    for path, message in oversized(message_type, 110_000, 1):
+        try:
+            check_limits(message)
+        except LimitExceededError as error:
+            if ' characters' not in str(error):
+                continue  # a list
+            make_sendable(message)
+            check_limits(message)
+            assert 'characters left out' in str(message), path
+            cut += 1
+    assert cut
+
+
+def test_what_can_be_sent_is_left_as_it_is_and_the_rest_made_so() -> None:
+    prompt = 'x' * LIMITS['flexbt_msgs/PendingDecision.prompt']
+    status = ExecutiveStatus(decisions=[PendingDecision(prompt=prompt, outcomes=['a', '\udc80', '\0'])])
+    make_sendable(status)
+    serialize_message(status)
+    assert (status.decisions[0].prompt, status.decisions[0].outcomes) == (prompt, ['a', '?', '\ufffd'])
 
 
 def test_every_bound_of_the_table_is_one_of_a_field() -> None:

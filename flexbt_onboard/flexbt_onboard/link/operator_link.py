@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
-from flexbt_common.values import LONG_TEXT
+from flexbt_common.values import LONG_TEXT, make_sendable
 from flexbt_core.values import Place, lines, one_line, sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_msgs.msg import Place as PlaceMessage
@@ -92,22 +92,27 @@ class OperatorLink:
         status.executive_id = self._executive_id
         status.sequence = self._status_sequence
         status.heartbeat_period = self._heartbeat_period
+        make_sendable(status)
         self._status.publish(status)
 
     def publish_structure(self, structure: BehaviorStructure) -> None:
         """Send the structure of a run, before the run's first status."""
+        make_sendable(structure)
         self._structure.publish(structure)
 
     def publish_behaviors(self, behaviors: BehaviorList) -> None:
         """Send the list of behaviors."""
         behaviors.executive_id = self._executive_id
+        make_sendable(behaviors)
         self._behaviors.publish(behaviors)
 
     def publish_places(self, places: Mapping[str, Place]) -> None:
         """Send the places that the robot knows by name."""
-        self._places.publish(
-            PlaceList(places=[PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())])
+        message = PlaceList(
+            places=[PlaceMessage(name=name, pose=_pose(place)) for name, place in sorted(places.items())]
         )
+        make_sendable(message)
+        self._places.publish(message)
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
@@ -115,17 +120,17 @@ class OperatorLink:
         try:
             with self._log_lock:  # numbers are published in their order
                 self._log_sequence += 1
-                self._log.publish(
-                    ExecutiveLog(
-                        stamp=self._runtime.clock.stamp(),
-                        sequence=self._log_sequence,
-                        executive_id=self._executive_id,
-                        run_id=run_id,
-                        severity=severity,
-                        path=path,
-                        text=text,
-                    )
+                message = ExecutiveLog(
+                    stamp=self._runtime.clock.stamp(),
+                    sequence=self._log_sequence,
+                    executive_id=self._executive_id,
+                    run_id=run_id,
+                    severity=severity,
+                    path=path,
+                    text=text,
                 )
+                make_sendable(message)
+                self._log.publish(message)
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
         line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))

@@ -323,8 +323,12 @@ class BehaviorRun:
             try:
                 self._build_and_drive()
             except BaseException as error:  # a fault of ours: a run that nobody drives must not be shown as one
-                self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
-                self._end(ERROR, f'fault in the executive: {error!r}')
+                message = 'fault in the executive'
+                try:  # without memory, even what it was cannot be said
+                    message += f': {error!r}'
+                    self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
+                finally:
+                    self._end(ERROR, message)
             finally:
                 self._services.goals.stop()  # nobody is left to wait for their results
 
@@ -361,13 +365,17 @@ class BehaviorRun:
         if machine is None:
             self._observer.refused(message)
             return
-        self._close(machine)
-        if self._monitor is not None and outcome != ERROR and self.has_goals:
-            text = f'the run has ended by {outcome!r}, and a goal of it goes on'
-            self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
-        values = machine.userdata()
-        outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
-        self._observer.ended(RunEnd(outcome, message, outputs))
+        end = RunEnd(ERROR, '; '.join(filter(None, [message, 'fault in the executive at the end of the run'])))
+        try:
+            self._close(machine)
+            if self._monitor is not None and outcome != ERROR and self.has_goals:
+                text = f'the run has ended by {outcome!r}, and a goal of it goes on'
+                self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
+            values = machine.userdata()
+            outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
+            end = RunEnd(outcome, message, outputs)
+        finally:
+            self._observer.ended(end)
 
     def _ends(self) -> bool:
         """Whether the end is still to be told; it is told once."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_common.values import to_entry
+from flexbt_common.values import check_limits, to_entry
 from flexbt_core.state_machine import (
     Autonomy,
     EventState,
@@ -399,6 +399,9 @@ def test_a_run_that_does_not_stop_does_not_hold_up_the_end(make_bench: Make) -> 
 
 def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> None:
     class Chatty(Step):
+        def on_enter(self, userdata: Any) -> None:
+            self.ask('\udc80' + 'q' * 30_000)
+
         def activity(self) -> list[str]:
             return ['a' * 100_000, *(f'line {number}' for number in range(100))]
 
@@ -408,6 +411,9 @@ def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> No
     assert len(lines) == 21 and max(map(len, lines)) < 300
     assert '99800 characters left out' in lines[0]
     assert lines[1] == 'line 0' and lines[-1] == '... 81 more'
+    (decision,) = bench.status.decisions
+    assert decision.prompt.startswith('?qq') and 'characters left out' in decision.prompt
+    check_limits(bench.status)
 
 
 @pytest.mark.parametrize('kind', [MemoryError, SystemExit])
@@ -422,6 +428,38 @@ def test_a_fault_of_ours_on_the_thread_of_a_run_ends_the_run_and_is_told(
     bench.start()
     assert bench.wait_idle() == 'error'
     assert 'fault in the executive' in bench.status.message and kind.__name__ in bench.logged('ours').text
+
+
+def test_a_fault_that_cannot_be_told_ends_the_run(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    class UnshownError(Exception):
+        def __repr__(self) -> str:
+            raise MemoryError('told')
+
+    def fault(_run: BehaviorRun, _machine: Any) -> None:
+        raise UnshownError
+
+    escaped: list[Any] = []
+    monkeypatch.setattr(threading, 'excepthook', escaped.append)
+    bench = make_bench(single(Step))
+    monkeypatch.setattr(BehaviorRun, '_tell_skills', fault)
+    bench.start()
+    assert bench.wait_idle() == 'error'
+    assert bench.status.message == 'fault in the executive'
+    wait_until(lambda: escaped, 'the end of the thread')
+    assert escaped[0].exc_type is MemoryError
+
+
+def test_a_fault_of_ours_at_the_end_of_a_run_ends_it_and_is_told(
+    make_bench: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fault(_machine: MachineRun) -> Any:
+        raise MemoryError('ours')
+
+    bench = make_bench(single(partial(Step, execute=lambda _: 'done')))
+    monkeypatch.setattr(MachineRun, 'userdata', fault)
+    bench.start()
+    assert bench.wait_idle() == 'error'
+    assert 'fault in the executive' in bench.status.message and 'MemoryError' in bench.logged('ours').text
 
 
 def test_an_activity_that_raises_hides_nothing_else(make_bench: Make) -> None:

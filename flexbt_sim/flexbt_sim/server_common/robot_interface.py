@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -90,7 +91,7 @@ class RobotInterface:
         self.on_pose: list[Callable[[Pose, float], None]] = []
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
-        self._pose_heard = -math.inf
+        self._pose_heard = self._taken = -math.inf
         self._is_moving = False
         self._has_map = False
         self._waiting: list[Callable[[], None]] = []
@@ -150,7 +151,7 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """For how long there has been no pose, s of ``NodeRuntime.heard``; infinite before the first."""
+        """For how long nobody has sent a pose, s of ``NodeRuntime.heard``; infinite before the first."""
         self._demand.take()
         return self._runtime.heard.handled - self._pose_heard
 
@@ -176,6 +177,11 @@ class RobotInterface:
 
     def _receive_pose(self, received: Received) -> None:
         before = self._pose
+        looked = self._runtime.heard.looked
+        # It may have lain with the middleware for a while (demand.py), though it has come since the one before was
+        # taken; which holds, too, where the clock of the sender is another one.
+        age = min(max(0.0, time.time() - received.sent), looked - self._taken)
+        self._taken = looked
         try:
             message = received.unpack(PoseStamped)
             check_limits(message)
@@ -185,14 +191,14 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
-        self._pose_heard = self._runtime.heard.looked
+        self._pose_heard = looked - age
         self._is_moving = self._pose != before
-        time = seconds_of(message.header.stamp)
-        self.costmaps.add_pose(time, self._pose)
+        stamp = seconds_of(message.header.stamp)
+        self.costmaps.add_pose(stamp, self._pose)
         self._tell_waiting()
         pose = self._pose
         for tell in tuple(self.on_pose):
-            tell(pose, time)
+            tell(pose, stamp)
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:

@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
 from builtin_interfaces.msg import Duration
+from rclpy.serialization import serialize_message
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_common.runtime import tells_writers
+from flexbt_common.runtime import Received, tells_writers
 from flexbt_common.values import duration_message, seconds_of
-from flexbt_sim.server_common import RobotInterface
-from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
+from flexbt_sim.server_common import RobotInterface, declare_navigation_parameters
+from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world, pose, without_faults
 
 
 @pytest.fixture(scope='module')
@@ -77,5 +79,24 @@ def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(world: Probe, mon
     world.later(10.0)
     assert len(heard) - before < (len(world.sightings) - seen) / 3
     before = len(heard)
-    assert world.follow(line(DOCK, (1.8, 4.45))).wait().status is GoalStatus.SUCCEEDED
-    assert len(heard) - before > 20
+    goal = wait(world, 1000.0)
+    world.wait(lambda: len(heard) > before + 20, 'poses, more than one a second', timeout=10.0)
+    goal.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+
+
+def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> None:
+    with without_faults('robot_interface', parameters={'pose_topic': 'nobodys_pose'}) as runtime:
+        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        data = serialize_message(pose(DOCK))
+
+        def receive(age: float) -> tuple[float, float]:
+            """The silence after a pose, and before it, when its stamp says that it was sent so many seconds ago."""
+            before = robot.silence
+            robot._receive_pose(Received(data, len(data), b'', time.time() - age))
+            return robot.silence, before
+
+        assert runtime.call(lambda: receive(0.8))[0] >= 0.8
+        assert runtime.call(lambda: receive(-100.0))[0] == 0.0
+        silence, before = runtime.call(lambda: receive(100.0))  # the sender's clock is behind
+        assert silence <= before

@@ -25,6 +25,9 @@ class BtExecuteGoalState(TreeState):
     With the goal_id "goal", a pose goes to the blackboard key "goal" and a list of several to "goals", as Nav2's
     trees expect. With another goal_id, a value of any type goes to that key; "goals" is always a list.
 
+    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
+    what a tree before has left there.
+
     -- bt_topic         string  Name of the action of the BT server
     -- bt_file          string  Tree identifier, or package/relative/path.xml; empty for the server's default tree
     -- goal_id          string  Blackboard key of the goal

@@ -16,6 +16,9 @@ class BtExecuteState(TreeState):
     """
     Run a behavior tree on the BT server until it ends.
 
+    When the tree fails or is canceled, those keys are given that are on the blackboard: on one that trees share, also
+    what a tree before has left there.
+
     -- bt_topic     string      Name of the action of the BT server
     -- bt_file      string      Tree identifier, or package/relative/path.xml; empty for the server's default tree
     -- inputs       dict        Blackboard keys to write before the first tick, with their types

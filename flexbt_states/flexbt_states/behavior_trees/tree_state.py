@@ -137,7 +137,7 @@ class TreeState(GoalState):
             self.log(Severity.WARN if answer == 'canceled' else Severity.ERROR, reason)
         reads = self.bt_use.reads
         sent = result.outputs if result is not None else ()
-        if answer != 'done':  # what follows may look at what the tree has found out until then
+        if answer != 'done':  # what follows may look at what is there by then
             there = {entry.key for entry in sent}
             reads = {key: type for key, type in reads.items() if key in there}
         elif result is not None and result.missing_outputs:
