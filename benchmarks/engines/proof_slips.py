@@ -125,7 +125,7 @@ REQUIRED: Final[dict[str, tuple[str, ...]]] = {
     'drive': (*_FOLLOWS, '=SUCCESS is always still possible', 'Wait at most 4 times'),
     'charge': (
         '=SUCCESS only after WatchDrive/FollowPath > SUCCESS',
-        '=SUCCESS only after IsBatteryCharging > SUCCESS',
+        '=SUCCESS only after IsBatteryLow > FAILURE',
     ),
     'battery_low': ('=SUCCESS only after IsBatteryLow > SUCCESS', 'IsBatteryLow at most 1 time in 0.9 s'),
     'Navigate Split': (

@@ -164,16 +164,17 @@ class _Exploration:
             move = Move(label, choices.answers)
             for violation in violations:
                 self._note(violation, (*graph.way_to(configuration.key), move))
+            is_sound = all(violation.is_lasting for violation in violations)
             reached = system.capture()
             if system.ended is not None:
                 known = self._written.get(system.ended)
                 self._written[system.ended] = system.written if known is None else known & system.written
-            if is_due and not violations and system.ended is None:
+            if is_due and is_sound and system.ended is None:
                 graph.add_turn(configuration.key, reached.key, move)
             if graph.add(reached.key, configuration.key, move, answer):
                 self._describe(reached.key)
                 # What is wrong once is not followed: all that comes after it would be wrong, too.
-                if not violations:
+                if is_sound:
                     found.append(reached)
                 else:
                     graph.broken.add(reached.key)
@@ -192,8 +193,8 @@ class _Exploration:
 
     def _note(self, violation: Violation, moves: tuple[Move, ...]) -> None:
         if violation not in self._found.violations:
-            self._found.counts[violation.property] += 1
-            if self._found.counts[violation.property] <= _ALIKE:
+            self._found.counts[violation.property] += not violation.is_lasting
+            if violation.is_lasting or self._found.counts[violation.property] <= _ALIKE:
                 self._found.violations[violation] = moves
 
     def _check_restore(self, configuration: Configuration) -> None:
@@ -234,7 +235,7 @@ class _Exploration:
         for violation, moves in graph.lost(system.requirements.possible, self._position):
             self._note(violation, moves)
         # What is wrong may be why something is never reached: after it nothing was followed.
-        is_known = self._is_complete and not self._found.violations
+        is_known = self._is_complete and all(violation.is_lasting for violation in self._found.violations)
         for missing in sorted(system.promised() - system.covered()) if is_known else ():
             text = f'{missing} is never reached: nothing that can happen leads to it'
             self._note(Violation(Property.REACHABLE, missing, text), ())

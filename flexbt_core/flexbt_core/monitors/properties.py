@@ -41,11 +41,13 @@ _OF_WHAT_CANNOT_FOLLOW = frozenset(
 
 
 class Violation(NamedTuple):
-    """What is wrong: with which property, where, and in words for a mission engineer."""
+    """What is wrong: with which property, where, and in words for a mission engineer. ``is_lasting``: from the
+    beginning, and whatever happens."""
 
     property: Property
     where: str
     text: str
+    is_lasting: bool = False
 
 
 def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:

@@ -219,7 +219,7 @@ class Requirements:
         for one in self.requirements:
             if isinstance(one, IsA | Has):
                 for text in dict.fromkeys(_otherwise(one, parts.get(one.name, ()))):
-                    self._tell(one, one.name, text)
+                    self._found(violation_of(one, one.name, text)._replace(is_lasting=True))
 
     @property
     def names(self) -> frozenset[str]:

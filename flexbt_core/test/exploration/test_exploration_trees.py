@@ -385,6 +385,12 @@ def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required
     )
 
 
+def test_what_is_wrong_from_the_beginning_hides_nothing() -> None:
+    required = 'go is a Serve', 'go has goal=y', 'never go > FAILURE', 'never =SUCCESS'
+    report = explore(lambda: system(GO, *required), 'Main')
+    assert {found.violation.text.partition('; required is: ')[2] for found in report.counterexamples} == {*required}
+
+
 def test_what_has_come_about_stays_possible_while_what_was_canceled_ends() -> None:
     either = '<Parallel success_count="1"><Go goal="x"/><Drive/></Parallel>'
     report = explore(lambda: system(either, '=SUCCESS is always still possible'), 'Main')
