@@ -161,10 +161,10 @@ def cache_variables(environment: Mapping[str, str], spare: Path) -> dict[str, st
     The home of a user of a container may be no directory, or one of somebody else. Without a cache uv does nothing, and
     pip builds no wheels.
     """
-    cache = Path(environment.get('XDG_CACHE_HOME') or Path(environment.get('HOME') or Path.home()) / '.cache')
     try:
+        cache = Path(environment.get('XDG_CACHE_HOME') or Path(environment.get('HOME') or Path.home()) / '.cache')
         cache.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # that of a user without an account, who has no home
         return {'XDG_CACHE_HOME': str(spare)}
     return {} if os.access(cache, os.W_OK | os.X_OK) else {'XDG_CACHE_HOME': str(spare)}
 

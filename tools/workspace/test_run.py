@@ -104,18 +104,20 @@ def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) ->
     The first of them go on while `lint` is at work, which mostly needs one processor; gives what that found.
     """
     waiting, running = deque(runs[LANES:]), runs[:LANES]
+    for one in runs:
+        one.forget()
     try:
         for one in running:
             one.start()
         failed_checks = lint()
         while waiting or running:
             running = [one for one in running if not one.ended()]
+            if (waiting or running) and time.monotonic() > deadline:
+                print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
+                break
             while waiting and len(running) < LANES:
                 running.append(waiting.popleft())
                 running[-1].start()
-            if time.monotonic() > deadline:
-                print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
-                break
             time.sleep(_POLL_SECONDS)
     finally:
         for one in running:
@@ -124,7 +126,7 @@ def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) ->
 
 
 class _Run:
-    """The tests of one package. How they ended is in the result file, not in pytest's exit code."""
+    """The tests of one package. How each ended is in the result file; that they all did, in pytest's exit code."""
 
     def __init__(self, workspace: Workspace, package: Package, variant: Variant | None = None) -> None:
         build = workspace.layout.build
@@ -134,6 +136,7 @@ class _Run:
         self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
         self._process: subprocess.Popen[bytes] | None = None
         self._start = 0.0  # monotonic
+        self._was_stopped = False
 
     def __str__(self) -> str:
         return f'{self._package.name} once more with {self._variant}' if self._variant else self._package.name
@@ -147,10 +150,13 @@ class _Run:
         """Its place in the order in which the runs begin."""
         return LONGEST.index(self._package.name) if self._package.name in LONGEST else len(LONGEST)
 
+    def forget(self) -> None:
+        """Removes the results of an earlier one."""
+        self._result_file.unlink(missing_ok=True)
+
     def start(self) -> None:
         """As `colcon test` starts it, without colcon, which takes longer than the tests of many a package."""
         workspace, variant, results = self._workspace, self._variant, self._result_file
-        results.unlink(missing_ok=True)
         command: list[str | Path] = ['python3', '-m', 'pytest', '--tb=short', f'--junit-xml={results}']
         command += [f'--junit-prefix={self._package.name}', '-o', f'cache_dir={results.with_name(".pytest_cache")}']
         command += _in_parallel(workspace) if self.is_spread else []
@@ -183,12 +189,30 @@ class _Run:
     def stop(self) -> None:
         """Ends what still runs of it."""
         if self._process is not None and not self.ended():
+            self._was_stopped = True
             stop_group(self._process)
 
     def count(self, tally: Tally) -> None:
-        """Adds the results to the tally."""
+        """Adds the results to the tally, and an end that leaves open what other tests there are."""
         label = f' [{self._variant}]' if self._variant else ''
-        _count(self._result_file, self._package.name, label, tally)
+        own = Tally()
+        _count(self._result_file, self._package.name, label, own)
+        if ending := self._bad_ending(own):
+            own.failures.append(f'FAILED {self._package.name}{label}: pytest {ending}, see {self._log}')
+        tally.passed += own.passed
+        tally.skipped += own.skipped
+        tally.failures += own.failures
+
+    def _bad_ending(self, results: Tally) -> str:
+        """How pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but skipped."""
+        if self._process is None:
+            return 'did not begin'
+        if self._was_stopped:
+            return 'was stopped'
+        code = self._process.returncode
+        if code == 0 or (code == 1 and results.failures) or (code == 5 and results.skipped and not results.passed):
+            return ''
+        return f'was killed by signal {-code}' if code < 0 else f'ended with exit code {code}'
 
     @property
     def _result_file(self) -> Path:

@@ -3,11 +3,15 @@
 
 import json
 import os
+import pwd
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NoReturn, cast
 
 import pytest
 
@@ -15,10 +19,12 @@ ROOT = Path(__file__).parents[3]
 TIMEOUT_S = 120
 
 sys.path.append(str(ROOT / 'tools'))
-from workspace import terminal  # noqa: E402
+from workspace import terminal, test_run  # noqa: E402
 from workspace.errors import CommandError, WorkspaceError  # noqa: E402
 from workspace.installer import Installer, bundled_pip, cache_variables, progress_of_uv, uv_variables  # noqa: E402
+from workspace.layout import Layout, Package  # noqa: E402
 from workspace.terminal import run_logged, step  # noqa: E402
+from workspace.workspace import Workspace  # noqa: E402
 
 BARE = {'PATH': os.defpath, 'PIP_CONFIG_FILE': os.devnull}
 
@@ -70,6 +76,15 @@ def test_a_home_that_is_no_directory_is_no_place_for_downloads(tmp_path: Path) -
     assert cache_variables({'HOME': str(file)}, Path('/spare')) == spare
     assert cache_variables({'HOME': str(tmp_path), 'XDG_CACHE_HOME': f'{file}/cache'}, Path('/spare')) == spare
     assert cache_variables({'HOME': str(tmp_path)}, Path('/spare')) == {}
+
+
+def test_who_has_no_home_has_a_place_for_downloads(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_account(number: int) -> NoReturn:
+        raise KeyError(number)  # as for the number of a user that /etc/passwd does not have
+
+    monkeypatch.delenv('HOME', raising=False)
+    monkeypatch.setattr(pwd, 'getpwuid', no_account)
+    assert cache_variables({}, Path('/spare')) == {'XDG_CACHE_HOME': '/spare'}
 
 
 def test_without_uv_pip_installs_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -161,3 +176,37 @@ def test_in_a_log_file_nothing_is_written_over(
     first, last = capsys.readouterr().out.splitlines()
     assert first == '  packages, 0 s: 30 of 1530 MB downloaded, for 3 packages'
     assert last.startswith('  packages ....................... done  ')
+
+
+def test_runs_of_tests_that_were_not_done_have_not_passed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though each test in their results has passed: of one that ends early, one that hangs, and one of yesterday."""
+    texts = {
+        'early': 'def test_passes(): pass\ndef test_ends(): raise KeyboardInterrupt\n',
+        'hangs': 'import signal\ndef test_passes(): pass\ndef test_hangs(): signal.pause()\n',
+        'waits': 'def test_passes(): pass\n',
+    }
+    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+    runs = []
+    for name, text in texts.items():
+        file = tmp_path / name / 'test' / f'test_{name}.py'
+        file.parent.mkdir(parents=True)
+        file.write_text(text, encoding='utf-8')
+        old = tmp_path / 'build' / name / 'pytest.xml'
+        old.parent.mkdir(parents=True)
+        old.write_text('<testsuite><testcase name="old"/></testsuite>', encoding='utf-8')
+        runs.append(test_run._Run(workspace, Package(name, tmp_path / name, 'ament_python')))
+    monkeypatch.setattr(test_run, 'LANES', 2)
+
+    def ended_early() -> list[str]:
+        assert runs[0]._process is not None
+        runs[0]._process.wait(TIMEOUT_S)
+        return []
+
+    test_run._finish(runs, time.monotonic(), ended_early)
+    tally = test_run.Tally()
+    for one in runs:
+        one.count(tally)
+    said = '\n'.join(tally.failures)
+    for name, ending in (('early', 'ended with exit code 2'), ('hangs', 'was stopped'), ('waits', 'did not begin')):
+        assert f'FAILED {name}: pytest {ending}, see {tmp_path}/log/test-{name}.log' in said
