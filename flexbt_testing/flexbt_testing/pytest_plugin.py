@@ -42,7 +42,7 @@ HOSTILE_YAML: Final[Mapping[str, str]] = {
 def pytest_load_initial_conftests() -> None:
     """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later.
 
-    No garbage is collected until the tests are: what they import stays.
+    No garbage is collected until the tests run: what they import stays.
     """
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
     gc.disable()
@@ -60,8 +60,12 @@ def pytest_configure() -> None:
     settings.load_profile('flexbt')
 
 
-def pytest_collection_finish() -> None:
-    """What has been imported stays to the end: collections of garbage need not go through it again and again."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """What has been imported stays to the end: collections of garbage need not go through it again and again.
+
+    The end of a collection of tests would be too late: the process that distributes them to others collects none.
+    """
     gc.collect()
     gc.freeze()
     gc.enable()

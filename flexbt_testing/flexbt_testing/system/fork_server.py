@@ -32,6 +32,8 @@ AVAILABLE: Final = hasattr(os, 'pidfd_open')
 """Whether there is what it stands on: Linux."""
 
 _MAX_REQUEST: Final = 1_000_000
+_READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
+"""What the names of such variables begin with. A process reads the others when it needs them, as ROS_DOMAIN_ID."""
 
 
 class ForkedProcess:
@@ -137,9 +139,17 @@ class ForkServer:
         return int(answer)
 
 
-@cache
 def fork_server(module: str, *prepared: str) -> ForkServer:
-    """The one of a module in this process: it begins when it is first asked for, and ends with the process."""
+    """The one of a module in this process: it begins when it is first asked for, and ends with the process.
+
+    There is another for each environment that modules would find as they are loaded.
+    """
+    environment = {name: value for name, value in os.environ.items() if name.startswith(_READ_AS_MODULES_ARE_LOADED)}
+    return _fork_server(frozenset(environment.items()), module, *prepared)
+
+
+@cache
+def _fork_server(_environment: frozenset[tuple[str, str]], module: str, *prepared: str) -> ForkServer:
     server = ForkServer(module, *prepared)
     atexit.register(server.close)
     return server

@@ -12,10 +12,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from types import TracebackType
-from typing import Final
+from typing import Final, TextIO
 
 from flexbt_testing.system import fork_server
 
@@ -31,10 +33,12 @@ class ForkedPython(fork_server.ForkedProcess):
         pipes = [os.pipe(), os.pipe()]
         self.args = [sys.executable, *arguments]
         self.stdout, self.stderr = (os.fdopen(reader) for reader, _ in pipes)
-        self._reader = ThreadPoolExecutor(len(pipes))
         self._said: list[Future[str]] = []
         try:
             pid = server.start(self.args, pipes[0][1], os.environ, errors=pipes[1][1])
+        except BaseException:
+            self._close()
+            raise
         finally:
             for _, writer in pipes:
                 os.close(writer)
@@ -49,9 +53,7 @@ class ForkedPython(fork_server.ForkedProcess):
         """Wait for the end, which is brought about when the block has failed."""
         if error is not None:
             self.kill()
-        self._reader.shutdown()
-        self.stdout.close()
-        self.stderr.close()
+        self._close()
         self.wait()
 
     def terminate(self) -> None:
@@ -62,13 +64,44 @@ class ForkedPython(fork_server.ForkedProcess):
         """Wait for the end; gives what it has said that was not read, and its errors.
 
         Raises:
-            subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
+            subprocess.TimeoutExpired: it, or a process of its own that can still say something, did not end within
+                ``timeout`` seconds.
         """
         if not self._said:
-            self._said = [self._reader.submit(stream.read) for stream in (self.stdout, self.stderr)]
+            self._said = [_read(stream) for stream in (self.stdout, self.stderr)]
+        deadline = None if timeout is None else time.monotonic() + timeout
         self.wait(timeout)
-        output, errors = (said.result() for said in self._said)
+        try:
+            output, errors = (
+                said.result(None if deadline is None else max(deadline - time.monotonic(), 0.0)) for said in self._said
+            )
+        except TimeoutError as error:
+            raise subprocess.TimeoutExpired(self.args, timeout or 0.0) from error
         return output, errors
+
+    def _close(self) -> None:
+        """What is being read stays open: whoever closed it would wait, too, for those that can still say something."""
+        being_read = [not said.done() for said in self._said] or [False, False]
+        for stream, is_read in zip((self.stdout, self.stderr), being_read, strict=True):
+            if not is_read:
+                stream.close()
+
+
+def _read(stream: TextIO) -> Future[str]:
+    """All that it says, in a thread for which the end of this process does not wait."""
+    said: Future[str] = Future()
+
+    def read() -> None:
+        try:
+            with stream:
+                text = stream.read()
+        except (OSError, ValueError) as error:  # a text that cannot be decoded
+            said.set_exception(error)
+        else:
+            said.set_result(text)
+
+    threading.Thread(target=read, daemon=True).start()
+    return said
 
 
 PythonProcess = ForkedPython | subprocess.Popen[str]

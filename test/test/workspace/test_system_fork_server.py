@@ -6,11 +6,12 @@ from __future__ import annotations
 import os
 import select
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from flexbt_testing.system import fork_server
+from flexbt_testing.system import fork_server, python_process
 from flexbt_testing.system.processes import MODULES, Stack
 from flexbt_testing.waiting import wait_until
 
@@ -22,16 +23,35 @@ def main():
     signal.pause()
 """
 NAMES = ('recorder', 'run_report')
+TALKER = """
+import os, signal
+
+SETTING = os.environ.get('FLEXBT_SETTING')
+
+def main():
+    child = os.fork()
+    if child:
+        print(SETTING, child, flush=True)
+    else:
+        signal.alarm(60)
+        signal.pause()
+"""
 
 pytestmark = pytest.mark.skipif(not fork_server.AVAILABLE, reason='forks of a server are on Linux')
+
+
+def module_of(text: str, directory: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a module that the servers that begin from now on find."""
+    module = f'module_{directory.name}'
+    (directory / f'{module}.py').write_text(text)
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(directory), os.environ.get('PYTHONPATH', ''))))
+    return module
 
 
 @pytest.fixture
 def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The module that the executables NAMES are here."""
-    module = f'sleeper_{tmp_path.name}'
-    (tmp_path / f'{module}.py').write_text(SLEEPER)
-    monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(tmp_path), os.environ.get('PYTHONPATH', ''))))
+    module = module_of(SLEEPER, tmp_path, monkeypatch)
     for name in NAMES:
         monkeypatch.setitem(MODULES, name, (module,))
     return module
@@ -73,3 +93,18 @@ def test_forks_end_with_whoever_had_them_started(sleeper: str, tmp_path: Path) -
     server.close()
     assert select.select([end], [], [], 60.0)[0]
     os.close(end)
+
+
+def test_programs_have_modules_of_their_environment_and_are_waited_for_in_bounded_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(python_process, 'PROGRAM', module_of(TALKER, tmp_path, monkeypatch))
+    for setting in ('one', 'other'):
+        monkeypatch.setenv('FLEXBT_SETTING', setting)
+        with pytest.raises(subprocess.TimeoutExpired), python_process.python_process([]) as process:
+            assert process.stdout is not None
+            said, child = process.stdout.readline().split()
+            process.communicate(timeout=0.1)  # it ends, and its child can still say something
+        os.kill(int(child), signal.SIGKILL)
+        assert said == setting
+        assert process.communicate(timeout=60.0) == ('', '')
