@@ -30,17 +30,9 @@ from _figures import write_figures
 from _maps import MAPS, drawn
 from numpy.typing import NDArray
 
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
 from flexbt_sim.errors import NavigationError, SimulationError
-from flexbt_sim.navigation import (
-    Costmap,
-    FollowerLimits,
-    GridPlanner,
-    Inflation,
-    LayeredCostmap,
-    Navigator,
-    Observation,
-    prepare_navigation,
-)
+from flexbt_sim.navigation import FollowerLimits, GridPlanner, Navigator, prepare_navigation
 from flexbt_sim.world import (
     MODELS,
     Circle,

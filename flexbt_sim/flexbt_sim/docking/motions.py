@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import STOP, Costmap, Motion, TurnLimits, Velocity
+from flexbt_sim.navigation import STOP, Motion, TurnLimits, Velocity
 from flexbt_sim.world import Pose, drive, wrap
 
 from .control_law import ControlLaw, velocity_to

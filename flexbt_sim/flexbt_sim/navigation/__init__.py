@@ -3,9 +3,7 @@
 
 from .behaviors import ROLL_TIME, AssistedTeleop, DriveMotion, SpinMotion
 from .collision_monitor import slowed
-from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation
 from .hybrid_planner import HybridPlanner, planner_for
-from .layers import LayeredCostmap, Observation, ObstacleRanges, local_size
 from .motions import LOOK_AHEAD, STOP, Motion, Steering, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
@@ -16,26 +14,18 @@ from .track import Track
 
 __all__ = [
     'END_TOLERANCE',
-    'INSCRIBED',
-    'LETHAL',
     'LOOK_AHEAD',
     'ROLL_TIME',
     'SPACING',
     'STILL',
     'STOP',
     'AssistedTeleop',
-    'Box',
-    'Costmap',
     'DriveMotion',
     'FollowerLimits',
     'GridPlanner',
     'HybridPlanner',
-    'Inflation',
-    'LayeredCostmap',
     'Motion',
     'Navigator',
-    'Observation',
-    'ObstacleRanges',
     'PathFollower',
     'PlanningStopped',
     'ProgressChecker',
@@ -48,7 +38,6 @@ __all__ = [
     'TurnLimits',
     'Velocity',
     'collides',
-    'local_size',
     'planner_for',
     'prepare_navigation',
     'slowed',

@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose, drive, wrap
 
 from .collision_monitor import slowed
-from .costmap import Costmap
 from .motions import LOOK_AHEAD, LOOK_AHEAD_STEP, STOP, KeepingApart, TurnLimits, Velocity, collides
 
 SPIN_LIMITS: Final = TurnLimits(minimum=0.4, maximum=1.0, acceleration=3.2)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from bisect import bisect_left
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.world import Pose
 
-from .costmap import Costmap
 from .motions import LOOK_AHEAD_STEP, Velocity, collides
 
 

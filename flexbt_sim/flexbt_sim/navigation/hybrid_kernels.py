@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy
 
-from .kernels import Bools, Costs, Squares, Weights
+from flexbt_sim.costmaps import Bools, Costs, Squares, Weights
 
 HEADINGS = 72
 """Of the states that are told apart, as in Nav2's SmacPlannerHybrid."""

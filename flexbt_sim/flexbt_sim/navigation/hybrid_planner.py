@@ -4,18 +4,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import cached_property
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from typing import Any, Final, NamedTuple
 
 import numpy
 from numpy.typing import NDArray
 
+from flexbt_sim.costmaps import INSCRIBED, Costmap
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, wrap
+from flexbt_sim.world import Pose, compiled, wrap
 
-from .acceleration import car_loops
-from .costmap import INSCRIBED, Costmap
+from . import hybrid_kernels
 from .hybrid_kernels import SLACK, hybrid_search
 from .motions import Steering
 from .planner import SPACING, Cell, GridPlanner, StopFlag
@@ -37,6 +37,23 @@ MOST_INTERPRETED: Final = 10_000
 
 MOST_BLOCKS: Final = 60_000
 """In which distances to the goal are known beforehand."""
+
+
+class CarLoops(NamedTuple):
+    """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
+
+    distances: Callable[..., Any]
+    hybrid_search: Callable[..., Any]
+    curves: Callable[..., Any]
+    room: Callable[..., Any]
+    moved: Callable[..., Any]
+
+
+@cache
+def car_loops() -> CarLoops:
+    """The compiled functions, or where there is no compiler the same ones as they are written."""
+    functions = [getattr(hybrid_kernels, name) for name in CarLoops._fields]
+    return CarLoops(*(compiled(one) or one for one in functions))
 
 
 def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> GridPlanner:

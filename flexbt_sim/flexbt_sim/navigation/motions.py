@@ -10,9 +10,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.world import Pose, drive
-
-from .costmap import Costmap
 
 LOOK_AHEAD: Final = 2.0
 """How far ahead collisions are looked for, s."""

@@ -16,13 +16,12 @@ from typing import Final
 
 import numpy
 
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, local_size
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import OccupancyMap, Pose, World, compose
 
 from .behaviors import DriveMotion, SpinMotion
-from .costmap import Costmap, Inflation
 from .hybrid_planner import planner_for
-from .layers import LayeredCostmap, Observation, local_size
 from .motions import STOP, Motion, Velocity
 from .path_follower import FollowerLimits, PathFollower
 

@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import DriveModel, Pose, compose, wrap
 
-from .costmap import Costmap
 from .motions import STOP, KeepingApart, Steering, TurnLimits, Velocity, collides
 from .track import Leg, Track, drivable_legs
 

@@ -11,12 +11,9 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
+from flexbt_sim.costmaps import INSCRIBED, LETHAL, Costmap, Costs, Position, loops, neighbours
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose
-
-from .acceleration import loops
-from .costmap import INSCRIBED, LETHAL, Costmap, Position
-from .kernels import Costs, neighbours
 
 NEUTRAL_COST: Final = 50.0
 COST_FACTOR: Final = 0.8

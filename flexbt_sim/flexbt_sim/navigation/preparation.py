@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import numpy
 
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
 from flexbt_sim.world import OccupancyMap, Pose
 
-from .costmap import Costmap, Inflation
 from .hybrid_planner import planner_for
-from .layers import LayeredCostmap, Observation
 from .motions import Steering
 
 

@@ -18,10 +18,9 @@ import numpy
 import scipy
 from numpy.typing import NDArray
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose, wrap
-
-from .costmap import Costmap
 
 DATA_WEIGHT: Final = 0.2
 SMOOTH_WEIGHT: Final = 0.3

@@ -9,7 +9,7 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
-from flexbt_sim.navigation import Costmap
+from flexbt_sim.costmaps import Costmap
 
 Point = tuple[float, float]
 """x and y, m."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Final
 
-from flexbt_sim.navigation import INSCRIBED, Costmap
+from flexbt_sim.costmaps import INSCRIBED, Costmap
 from flexbt_sim.world import Pose
 
 from .graph import RouteGraph, RouteNode

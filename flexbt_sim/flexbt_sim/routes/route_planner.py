@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import Costmap
 from flexbt_sim.world import Pose
 
 from .edge_scorers import RouteRequest, Scorer

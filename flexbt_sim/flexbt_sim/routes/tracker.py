@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexbt_sim.navigation import INSCRIBED, Costmap
+from flexbt_sim.costmaps import INSCRIBED, Costmap
 from flexbt_sim.world import Pose
 
 from .graph import Operation, RouteEdge, RouteNode

@@ -12,8 +12,9 @@ from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_sim.costmaps import Inflation
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.navigation import FollowerLimits, Inflation
+from flexbt_sim.navigation import FollowerLimits
 from flexbt_sim.world import Circle, Polygon
 
 from .docking_parameters import DockingParameters, declare_docking_parameters

@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sim_maps import worlds
 
-from flexbt_sim.navigation import INSCRIBED, LETHAL, Costmap, GridPlanner, Inflation, PlanningStopped, StopFlag, arrays
-from flexbt_sim.navigation.acceleration import loops
-from flexbt_sim.navigation.kernels import neighbours
+from flexbt_sim.costmaps import INSCRIBED, LETHAL, Costmap, Inflation, arrays, loops, neighbours
+from flexbt_sim.navigation import GridPlanner, PlanningStopped, StopFlag
 from flexbt_sim.navigation.planner import WEIGHTS
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_sim.world import compiled as compiled_function
@@ -165,7 +164,8 @@ def test_a_search_leaves_the_interpreter_to_others() -> None:
 DRIVE = """
 import gc, numpy
 from numba.core.dispatcher import Dispatcher
-from flexbt_sim.navigation import Costmap, Inflation, Navigator, prepare_navigation
+from flexbt_sim.costmaps import Costmap, Inflation
+from flexbt_sim.navigation import Navigator, prepare_navigation
 from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, World, box, prepare_world
 
 def loaded():

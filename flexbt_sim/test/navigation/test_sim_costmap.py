@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, room, rooms, worlds
 
+from flexbt_sim.costmaps import INSCRIBED, LETHAL, Costmap, Inflation
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.navigation import INSCRIBED, LETHAL, Costmap, Inflation
 from flexbt_sim.world import Circle, OccupancyMap, Polygon, Pose, box, gap
 
 inflations = st.builds(

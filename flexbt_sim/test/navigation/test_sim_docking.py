@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn
 
+from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.docking import (
     ControlLaw,
     Dock,
@@ -26,7 +27,7 @@ from flexbt_sim.docking import (
     velocity_to,
 )
 from flexbt_sim.errors import DockError, NavigationError
-from flexbt_sim.navigation import Costmap, Inflation, Velocity
+from flexbt_sim.navigation import Velocity
 from flexbt_sim.world import OccupancyMap, Pose, wrap
 
 OPEN = drawn(*['.' * 120] * 120)

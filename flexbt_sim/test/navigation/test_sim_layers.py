@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import Scanner, drawn, worlds
 
-from flexbt_sim.navigation import Costmap, Inflation, LayeredCostmap, Observation, arrays
-from flexbt_sim.navigation.acceleration import loops
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, arrays, loops
 from flexbt_sim.world import OCCUPIED, LidarModel, OccupancyMap, Pose
 
 INFLATION = Inflation(robot_radius=0.2, radius=0.5)

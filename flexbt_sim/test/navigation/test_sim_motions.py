@@ -13,18 +13,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, free_places, places, rooms, worlds
 
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import (
     LOOK_AHEAD,
     ROLL_TIME,
     STOP,
     AssistedTeleop,
-    Costmap,
     DriveMotion,
-    Inflation,
-    LayeredCostmap,
     Motion,
-    Observation,
     SpinMotion,
     Velocity,
     collides,

@@ -10,7 +10,8 @@ import numpy
 import pytest
 from numpy.typing import NDArray
 
-from flexbt_sim.navigation import Costmap, Inflation, Navigator, Trip
+from flexbt_sim.costmaps import Costmap, Inflation
+from flexbt_sim.navigation import Navigator, Trip
 from flexbt_sim.world import (
     Circle,
     LidarModel,

@@ -15,13 +15,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, free_places, worlds
 
+from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import (
     STOP,
-    Costmap,
     FollowerLimits,
     GridPlanner,
-    Inflation,
     PathFollower,
     ProgressChecker,
     Steering,

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from route_graphs import graph, graphs
 from sim_maps import drawn
 
+from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.navigation import Costmap, Inflation
 from flexbt_sim.routes import (
     SCORERS,
     AchievedRadii,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops of planner and costmaps, compiled where numba is installed; what they compute is the same without."""
+"""The loops over the cells of costmaps, compiled where numba is installed; what they compute is the same without."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from flexbt_sim.world import compiled
 
-from . import arrays, hybrid_kernels, kernels
+from . import arrays, kernels
 
 
 class Loops(NamedTuple):
@@ -27,20 +27,3 @@ class Loops(NamedTuple):
 def loops() -> Loops:
     """The compiled functions; with FLEXBT_ACCELERATION=0, or without numba, those that numpy and scipy have."""
     return Loops(*(compiled(getattr(kernels, name)) or getattr(arrays, name) for name in Loops._fields))
-
-
-class CarLoops(NamedTuple):
-    """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
-
-    distances: Callable[..., Any]
-    hybrid_search: Callable[..., Any]
-    curves: Callable[..., Any]
-    room: Callable[..., Any]
-    moved: Callable[..., Any]
-
-
-@functools.cache
-def car_loops() -> CarLoops:
-    """The compiled functions, or where there is no compiler the same ones as they are written."""
-    functions = [getattr(hybrid_kernels, name) for name in CarLoops._fields]
-    return CarLoops(*(compiled(one) or one for one in functions))
