@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ DEADLINE: Final = 60.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 _PRESSURE: Final = Path('/proc/pressure/cpu')
+_STATISTICS: Final = Path('/proc/stat')
 
 
 def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
@@ -30,14 +32,18 @@ def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadli
 
 
 def uncontended_time() -> float:
-    """Seconds on a monotonic clock that stands still while anything on this machine waits for a processor.
+    """Seconds on a clock that stands still, or goes back, while anything on this machine waits for a processor.
 
     A limit measured by it is one for what is tested, and says nothing of how busy the machine was: it is strict on an
-    idle machine and lenient on a busy one. The source are Linux' pressure stall information ("some" of the processors,
-    `Documentation/accounting/psi.rst`); where the kernel does not give it the clock always stands still.
+    idle machine and lenient on a busy one. The sources are Linux' pressure stall information ("some" of the processors,
+    `Documentation/accounting/psi.rst`), and the time that a hypervisor took from processors that had work ("steal" in
+    `/proc/stat`, see `proc_stat(5)`), of which the former does not know; several processors from which it takes at once
+    count each. Where the kernel does not give pressure the clock always stands still.
     """
     try:
         waited = _PRESSURE.read_text().partition('total=')[2].partition('\n')[0]
-        return time.monotonic() - 1e-6 * int(waited)
+        with _STATISTICS.open() as statistics:
+            stolen = statistics.readline().split()[8]
+        return time.monotonic() - 1e-6 * int(waited) - int(stolen) / os.sysconf('SC_CLK_TCK')
     except OSError:
         return 0.0
