@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from flexbt_core import values
 from flexbt_core.values import TextFileError
 
@@ -20,8 +18,8 @@ def read_text(file: str, most: int) -> str:
 
 
 def write_text(file: str, text: str) -> None:
-    """Write a file. Raises UsageError when that cannot be."""
+    """Write a file as a whole. Raises UsageError when that cannot be; the one that was there stays then."""
     try:
-        Path(file).write_text(text, encoding='utf-8')
+        values.write_text(file, text)
     except OSError as error:
         raise UsageError(f'{file}: cannot be written: {error.strerror or error}') from error

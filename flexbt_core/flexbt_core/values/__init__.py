@@ -10,7 +10,7 @@ from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
 from .similar_names import hint, similar_names
-from .text_files import TextFileError, read_text
+from .text_files import TextFileError, read_text, write_text
 from .xml_text import xml_attribute, xml_text
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ __all__ = [
     'sendable',
     'shown',
     'similar_names',
+    'write_text',
     'xml_attribute',
     'xml_text',
 ]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of text from others, with bounds."""
+"""Files of text: those of others are read with bounds, and ours are written as a whole."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 from pathlib import Path
@@ -38,6 +39,37 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
         return data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise TextFileError(f'byte {error.start + 1} is no UTF-8; this is no text') from error
+
+
+def write_text(file: str | Path, text: str) -> None:
+    """Write a file (UTF-8) as a whole: where that fails, as on a full disk, the one that was there stays as it is.
+
+    A new file takes the place of the old one, which must be writable, and gets its permissions; a link goes on leading
+    to it. A pipe or device, and whatever is named below ``/dev``, is written to.
+
+    Raises:
+        OSError: it cannot be written; names the file.
+    """
+    file = Path(file)
+    if file.is_relative_to('/dev') or (file.exists() and not file.is_file()):
+        file.write_text(text, encoding='utf-8')
+        return
+    old = Path(os.path.realpath(file))
+    fresh = old.with_name(f'.{os.urandom(8).hex()}.tmp')
+    try:
+        with fresh.open('x', encoding='utf-8') as content:
+            content.write(text)
+            content.flush()
+            os.fsync(content.fileno())
+        if old.exists():
+            os.close(os.open(old, os.O_WRONLY))  # a file that is protected stays, too
+            fresh.chmod(stat.S_IMODE(old.stat().st_mode))
+        fresh.replace(old)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(file)) from error
+    finally:
+        with contextlib.suppress(OSError):
+            fresh.unlink()
 
 
 def _open(name: str, flags: int) -> int:

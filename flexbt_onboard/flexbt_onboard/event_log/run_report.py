@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe, tells_full_output
-from flexbt_core.values import one_line
+from flexbt_core.values import one_line, write_text
 
 from .event_log import newest_log, rotated
 from .run_metrics import RunMetrics, metrics_of, read_events
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f'run_report: {what}; --list shows them', file=sys.stderr)
             return 1
         elif options.svg:
-            Path(options.svg).write_text(timeline(chosen[0]), encoding='utf-8')
+            write_text(options.svg, timeline(chosen[0]))
             print(options.svg)
         elif options.json:
             print(json.dumps(as_json(chosen[0]), allow_nan=False))

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
-from flexbt_core.values import shown
+from flexbt_core.values import shown, write_text
 from flexbt_onboard.behaviors import BehaviorEntry, machine_entry
 from flexbt_onboard.errors import BehaviorError
 
@@ -56,9 +56,7 @@ class MachineStore:
         if self._directory is None:
             return []
         self._directory.mkdir(parents=True, exist_ok=True)
-        beside = self._directory / f'{name}.tmp'
-        beside.write_text(text, encoding='utf-8')
-        beside.replace(self._directory / f'{name}.yaml')
+        write_text(self._directory / f'{name}.yaml', text)
         gone = []
         if len(list(self._directory.glob('*.yaml'))) > MOST_MACHINES:
             old = self._machines()[0][MOST_MACHINES:]

@@ -203,6 +203,9 @@ def test_the_oldest_machines_give_way_and_no_other_files(tmp_path: Path) -> None
     assert store.keep('last', MACHINE, {'m0'}) == []  # the oldest is in use
     assert store.keep('more', MACHINE, ()) == ['m1', 'm0']
     assert all(other.exists() for other in others)
+    with pytest.raises(UnicodeEncodeError):
+        store.keep('more', MACHINE + '\ud800', ())
+    assert not list(tmp_path.glob('*.tmp'))
     entries, problems = store.entries()
     assert len(entries) == MOST_MACHINES and len(problems) == len(others)
 

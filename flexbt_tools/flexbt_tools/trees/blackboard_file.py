@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from flexbt_core.behavior_tree import (
@@ -16,7 +15,7 @@ from flexbt_core.behavior_tree import (
     export_blackboard,
     import_blackboard,
 )
-from flexbt_core.values import load_json, read_text
+from flexbt_core.values import load_json, read_text, write_text
 from flexbt_tools.errors import UsageError
 
 
@@ -62,10 +61,10 @@ class BlackboardFile:
 
 
 def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]:
-    """Writes a file; gives what could not be saved. Raises UsageError when the file cannot be written."""
+    """Writes a file as a whole; gives what could not be saved. Raises UsageError when the file cannot be written."""
     document, problems = export_blackboard(board, types)
     try:
-        Path(name).write_text(json.dumps(document, indent=2, allow_nan=False) + '\n', encoding='utf-8')
+        write_text(name, json.dumps(document, indent=2, allow_nan=False) + '\n')
     except OSError as error:
         raise UsageError(f'--save-blackboard {name}: {error}') from error
     return problems

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,10 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.behavior_tree import Blackboard, JsonTypes
 from flexbt_testing.behavior_trees.bt_tool import Done, document, tool
+from flexbt_tools.errors import UsageError
+from flexbt_tools.trees import save_blackboard
 
 COUNTING = document(
     'Main: <Sequence><Sleep msec="{wait}"/><Script code="n := n + 1; last := text"/>'
@@ -107,6 +111,20 @@ def test_a_failed_run_saves_as_well_and_what_cannot_be_saved_is_told(tmp_path: P
     assert done.code == 1
     assert saved(tmp_path) == {'x': 1}
     assert 'not saved: entry [d]: a date has no JSON form' in done.err
+
+
+def test_a_blackboard_that_does_not_fit_onto_the_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
+    file, board = tmp_path / 'out.json', Blackboard()
+    file.write_text('{}')
+    board.set('text', 'x' * 200_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with pytest.raises(UsageError, match=r'--save-blackboard .*out\.json: .*File too large'):
+            save_blackboard(board, str(file), JsonTypes())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert saved(tmp_path) == {}
 
 
 def test_without_ros_all_but_messages_works(tmp_path: Path) -> None:
