@@ -13,7 +13,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
-from . import bench, lint, prerequisites, test_run
+from . import prerequisites
+from .checks import bench, lint, test_run
 from .errors import WorkspaceError, of_system
 from .layout import Layout
 from .stamps import remove

@@ -8,9 +8,9 @@ import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .errors import CommandError, WorkspaceError
-from .terminal import report, run_logged, step
-from .workspace import Workspace
+from ..errors import CommandError, WorkspaceError
+from ..terminal import report, run_logged, step
+from ..workspace import Workspace
 
 _MODULE_CHECKERS = ('ruff', 'mypy')
 

@@ -11,8 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from .errors import WorkspaceError
-from .workspace import Workspace
+from ..errors import WorkspaceError
+from ..workspace import Workspace
 
 
 def run(workspace: Workspace) -> int:

@@ -13,10 +13,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .layout import Package
+from ..layout import Package
+from ..terminal import stop_group
+from ..workspace import Workspace
 from .lint import all_checks, failing_checks
-from .terminal import stop_group
-from .workspace import Workspace
 
 DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy machine needs half of it
 LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: more make each slower, and all no faster
