@@ -14,7 +14,7 @@ from .rclpy_private import (
     is_usable,
     let_go_of_lifecycle,
 )
-from .received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, tells_writers, writer_name
+from .received_messages import UNKNOWN_NODE, UNKNOWN_WRITER, Received, ReceivedMessages, tells_writers, writer_name
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
@@ -25,6 +25,7 @@ __all__ = [
     'ACTION_SERVER',
     'CALL_SECONDS',
     'HANG_SECONDS',
+    'UNKNOWN_NODE',
     'UNKNOWN_WRITER',
     'DeepNode',
     'Hang',

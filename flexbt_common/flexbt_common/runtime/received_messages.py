@@ -27,7 +27,10 @@ from .ignored_participant import ignore_participant
 from .loaded_library import loaded_function
 from .rclpy_private import EXECUTOR, is_usable
 
-__all__ = ['UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'tells_writers', 'writer_name']
+__all__ = ['UNKNOWN_NODE', 'UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'tells_writers', 'writer_name']
+
+UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
+"""What rmw calls the node of an endpoint that it has just discovered."""
 
 UNKNOWN_WRITER: Final = b''
 """Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
@@ -170,6 +173,8 @@ def writer_name(node: Node, topic: str, writer: bytes) -> str:
         return ''
     for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
         if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
+            if endpoint.node_name == UNKNOWN_NODE:
+                return 'a node that has just come'
             return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
     return ''
 

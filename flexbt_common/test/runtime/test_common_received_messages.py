@@ -59,6 +59,7 @@ def receiver() -> Iterator[Receiver]:
 def test_the_writer_of_a_message_is_known_and_what_is_too_large_is_not_unpacked(receiver: Receiver) -> None:
     first, second = Sender('first'), Sender('second')
     try:
+        wait_until(lambda: {'first', 'second'} <= set(receiver.runtime.node.get_node_names()), 'their names')
         first.publisher.publish(String(data='a'))
         first.publisher.publish(String(data='x' * 10_000_000))
         second.publisher.publish(String(data='b'))

@@ -8,9 +8,9 @@ without an error; the hash of the definition, which each side announces, tells (
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any
 
-_UNKNOWN: Final = '_NODE_NAME_UNKNOWN_'  # what rmw calls the node of an endpoint that it has just discovered
+from flexbt_common.runtime import UNKNOWN_NODE
 
 
 def interface_problem(node: Any, topic: str) -> str:
@@ -35,7 +35,7 @@ def senders_problem(node: Any, topic: str, senders: int) -> str:
         return ''
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
-    names = [f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers if e.node_name != _UNKNOWN]
+    names = [f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers if e.node_name != UNKNOWN_NODE]
     who = f' ({", ".join(sorted(names))})' if names else ''
     return f'{senders} executives publish on {resolved}{who}; end all but one, or give each a namespace of its own'
 

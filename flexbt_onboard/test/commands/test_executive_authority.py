@@ -19,6 +19,7 @@ from flexbt_onboard.commands.authority import REQUESTS
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.waiting import wait_until
 
 CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
     ExecutiveCommand.CLAIM_AUTHORITY,
@@ -152,6 +153,7 @@ def test_a_name_is_that_of_the_console_which_commands_under_it_as_long_as_it_is_
     with NodeRuntime.open('other_console') as runtime:
         other = Operator(runtime, 'ann')
         other.wait_connected()
+        wait_until(lambda: 'other_console' in bench.runtime.node.get_node_names(), 'its name')
         reason = other.refused(AUTONOMY, autonomy=0)
         assert "'ann'" in reason and '/console' in reason and '--operator' in reason
         assert 'that is refused' in bench.logged('/other_console commands under the name').text

@@ -197,9 +197,9 @@ def test_nobody_is_waited_for_who_drives_no_more() -> None:
 
 def test_while_somebody_computes_time_passes_as_on_a_robot() -> None:
     """And no longer than that: who has done is not waited for."""
-    pacer = Pacer(0.0)
-    pacer.set_computing('planner', True)
     began = time.monotonic()
+    pacer = Pacer(0.0)  # from now on
+    pacer.set_computing('planner', True)
     pass_time(pacer, 0.3)
     assert time.monotonic() - began >= 0.3 - 1e-3
     took = while_waiting(pacer, partial(pass_time, pacer, 1000.0), lambda: pacer.set_computing('planner', False))
@@ -209,8 +209,8 @@ def test_while_somebody_computes_time_passes_as_on_a_robot() -> None:
 def test_until_it_is_known_who_acts_time_passes_as_on_a_robot() -> None:
     """What has arrived may be a command that was not handled yet."""
     posted: list[Callable[[], object]] = []
-    pacer = Pacer(0.0, posted.append)
     began = time.monotonic()
+    pacer = Pacer(0.0, posted.append)
     for _ in range(3):
         pass_time(pacer, 0.1)
     assert time.monotonic() - began >= 0.3 - 1e-3
