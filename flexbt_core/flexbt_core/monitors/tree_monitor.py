@@ -59,7 +59,7 @@ class TreeMonitor:
         self._nodes: tuple[TreeNode, ...] = ()  # whose resources are known
         self._resources: dict[TreeNode, frozenset[str]] = {}
         self._aliases: dict[str, str] = {}  # of paths: the same without the numbers of nodes that have no name
-        self._called: dict[str, tuple[str, ...]] = {}  # of the paths of leaves: what requirements call them
+        self._called: dict[TreeNode, tuple[str, ...]] = {}  # what requirements call the leaves
         self._open: dict[LeafNode, None] = {}  # leaves that work
         self._acting: dict[LeafNode, None] = {}  # of those that have actuators, who has them
         self._ending: dict[LeafNode, tuple[UnfinishedWork, ...]] = {}  # of those that were halted
@@ -73,7 +73,7 @@ class TreeMonitor:
     def watched(self, definition: NodeDefinition, path: str) -> NodeDefinition:
         """What is made in the place of a node: see ``substitute`` of :class:`~flexbt_core.behavior_tree.Tree`."""
         manifest = definition.manifest
-        alias = self._aliases[path] = self._alias(definition, path)
+        alias = self._alias(definition.tree_id or manifest.id, definition.name, path)
         if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
             return definition
         if issubclass(manifest.node_class, StatefulAction):
@@ -84,11 +84,10 @@ class TreeMonitor:
             return definition
         return definition._replace(manifest=replace(manifest, node_class=made))
 
-    def _alias(self, definition: NodeDefinition, path: str) -> str:
-        name = definition.name
-        is_unnamed = name == (definition.tree_id or definition.manifest.id)
-        scope = (path.rpartition('::')[0] if is_unnamed else path)[: -len(name) - 1]
-        return f'{self._aliases.get(scope, scope)}/{name}' if scope else name
+    def _alias(self, id: str, name: str, path: str) -> str:
+        scope = (path.rpartition('::')[0] if name == id else path)[: -len(name) - 1]
+        alias = self._aliases[path] = f'{self._aliases.get(scope, scope)}/{name}' if scope else name
+        return alias
 
     def begins(self, tree: Tree) -> None:
         """The nodes exist; the first tick is next."""
@@ -102,8 +101,13 @@ class TreeMonitor:
         tree then."""
         tree = self._tree
         self._nodes = tree.nodes
-        own = {node.path for node in tree.nodes if isinstance(node, LeafNode)}
-        self._called = {path: self._names(path) if self._aliases[path] not in own else (path,) for path in own}
+        names = {node: self._names(node) for node in tree.nodes}
+        own = {path for node, (path, *_) in names.items() if isinstance(node, LeafNode)}
+        self._called = {
+            node: (path, *(alias for alias in aliases if alias not in own))
+            for node, (path, *aliases) in names.items()
+            if isinstance(node, LeafNode)
+        }
         for node, definition in zip(tree.nodes, tree.definitions, strict=True):
             skill = node_skill(definition.manifest) if isinstance(node, StatefulAction) else None
             if skill is not None and skill.resources:
@@ -113,7 +117,7 @@ class TreeMonitor:
     def vocabulary(self) -> Vocabulary:
         """What requirements of this tree can be about."""
         leaves = [node for node in self._tree.nodes if isinstance(node, LeafNode)]
-        names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in self._called[leaf.path])
+        names = ((name, isinstance(leaf, StatefulAction)) for leaf in leaves for name in self._names_of(leaf))
         return tree_vocabulary(names, self._parts())
 
     def _parts(self) -> Parts:
@@ -127,12 +131,16 @@ class TreeMonitor:
                 else:
                     board, key = node.blackboard.outermost(value.key)
                     values[port] = f'{{{scopes.get(board, "@")}{key}}}'
-            for name in self._called.get(node.path) or self._names(node.path):
+            for name in self._names_of(node):
                 found.setdefault(name, []).append(Part(definition.tree_id or node.id, values))
         return found
 
-    def _names(self, path: str) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((path, self._aliases[path])))
+    def _names_of(self, node: TreeNode) -> tuple[str, ...]:
+        return self._called.get(node) or self._names(node)
+
+    def _names(self, node: TreeNode) -> tuple[str, ...]:
+        path = node.path
+        return tuple(dict.fromkeys((path, self._alias(node.id, node.name, path))))
 
     def look(self) -> None:
         """Look at what the tree is made of, before its first tick: whether that is what is required."""
@@ -252,7 +260,7 @@ class TreeMonitor:
     def _event(self, leaf: TreeNode, what: str = '') -> None:
         if self._tree.nodes is not self._nodes:
             self._learn()
-        for name in self._called[leaf.path]:
+        for name in self._names_of(leaf):
             self.requirements.event(name + what)
 
     def _check_owners(self) -> None:
@@ -265,10 +273,9 @@ class TreeMonitor:
 
     def _check_requirements(self, status: NodeStatus) -> None:
         requirements = self.requirements
-        called = self._called
-        working = [called[leaf.path] for leaf in self._open]
+        working = [self._names_of(leaf) for leaf in self._open]
         holding, failing = (
-            {name for leaf, answer in self._answers.items() if answer is status for name in called[leaf.path]}
+            {name for leaf, answer in self._answers.items() if answer is status for name in self._names_of(leaf)}
             for status in (SUCCESS, FAILURE)
         )
         requirements.works(working)

@@ -26,6 +26,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
+from flexbt_core.monitors import Never, TreeMonitor, Violation
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 
@@ -229,3 +230,16 @@ def test_callbacks_reach_its_nodes_while_it_runs(library: TreeLibrary) -> None:
     watched.tree.wake()
     assert watched.tree.tick_once() is SUCCESS
     assert watched.board.get('ended') == 1
+
+
+def test_requirements_know_its_leaves_by_their_names_and_types(library: TreeLibrary) -> None:
+    found: list[Violation] = []
+    monitor = TreeMonitor(found.append, [Never('grow/AlwaysFailure'), Never('grow/work')])
+    board, clock = Blackboard(), ManualClock()
+    board.set('trees', 'Short;Long')
+    tree = Tree(library, 'Main', blackboard=board, clock=clock, services=library, substitute=monitor.watched)
+    monitor.begins(tree)
+    for _ in range(2):
+        monitor.ticked(tree.tick_once())
+        clock.advance(1.0)
+    assert [one.where for one in found] == ['grow/AlwaysFailure', 'grow/work']
