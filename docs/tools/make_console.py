@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes docs/reference/console.md, the reference of the console, from its registry of commands.
 
-Usage: make_console.py [FILE]     in a shell with the environment of the workspace
+In a shell with the environment of the workspace.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -93,8 +94,9 @@ def _cell(text: str) -> str:
 
 
 def main() -> int:
-    file = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
-    file.write_text(page(), encoding='utf-8')
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('file', nargs='?', type=Path, default=PAGE, help='is written instead')
+    parser.parse_args().file.write_text(page(), encoding='utf-8')
     return 0
 
 

@@ -14,8 +14,8 @@ from .view import View
 
 
 class Urgency(IntEnum):
-    """What a robot needs of its operator, the most urgent first. DEGRADED: a node that it depends on is not there, or
-    late; LATE is its own picture."""
+    """What a robot needs of its operator, the most urgent first. DEGRADED: a node that it depends on is not there, late
+    or not ready; LATE is its own picture."""
 
     ALARM = 0
     DECISION = 1
@@ -53,7 +53,7 @@ def overview_of(name: str, view: View) -> RobotOverview:
         return RobotOverview(name, view, Urgency.FAILED, 0.0)
     if not view.live:
         return RobotOverview(name, view, Urgency.LATE, view.age or 0.0)
-    if any(peer.late or not peer.alive for peer in snapshot.peers):
+    if snapshot.missed_peers:
         return RobotOverview(name, view, Urgency.DEGRADED, 0.0)
     return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)
 

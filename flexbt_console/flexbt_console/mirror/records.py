@@ -227,6 +227,11 @@ class Snapshot:
     authority_requests: tuple[str, ...] = ()
     stamp: float = 0.0
 
+    @property
+    def missed_peers(self) -> tuple[Peer, ...]:
+        """The nodes that are missing, late, or not ready."""
+        return tuple(peer for peer in self.peers if not peer.alive or peer.late or not peer.ready)
+
 
 @dataclass(frozen=True, slots=True)
 class StateStructure:

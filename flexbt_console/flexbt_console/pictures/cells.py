@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from rich.cells import cell_len
+from rich.cells import cell_len, split_graphemes
 
 from .glyphs import glyphs
 
@@ -45,6 +45,16 @@ def fold(text: str, cells: int, rows: int, indent: str = '    ') -> list[str]:
 def width(text: str) -> int:
     """The cells that a text takes."""
     return len(text) if text.isascii() else sum(map(_cells, f' {text}', text))
+
+
+def in_cells(text: str) -> list[str]:
+    """What stands in each cell; '' in the second one of a wide character."""
+    cells: list[str] = []
+    for begin, end, taken in split_graphemes(text)[0]:
+        if taken == 0 and cells:
+            cells[-1] += text[begin:end]
+        cells += [text[begin:end], ''][:taken]
+    return cells
 
 
 def _fits(text: str, cells: int) -> bool:

@@ -16,7 +16,7 @@ from typing import Final
 from flexbt_console.mirror import GridMap, Pose, Surroundings, View
 from flexbt_core.values import one_line
 
-from .cells import cut
+from .cells import cut, in_cells, width
 from .glyphs import Glyphs, glyphs
 
 _DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
@@ -51,6 +51,7 @@ class Layer(Enum):
 _MET: Final = '*'
 
 Cell = tuple[str, Layer]
+"""What stands in it; '' in the second one of a wide character."""
 Point = tuple[float, float]
 
 
@@ -126,7 +127,7 @@ class MapCanvas:
         for name, pose in places.items():
             _write_name(drawn, frame.cell((pose.x, pose.y)), one_line(name))
         for column, row in _met(around.scan, walls, frame):
-            drawn[row][column] = _MET, Layer.SCAN
+            _put(drawn[row], column, (_MET, Layer.SCAN))
         if around.goal is not None:
             self._write(drawn, frame, around.goal, self._signs.goal, Layer.GOAL)
         if robot is not None:
@@ -156,12 +157,21 @@ class MapCanvas:
     def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer: Layer) -> None:
         at = frame.cell(point)
         if at is not None:
-            drawn[at[1]][at[0]] = sign, layer
+            _put(drawn[at[1]], at[0], (sign, layer))
 
     def _walls_of(self, map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
         if self._walls is None or self._walls[0] is not map or self._walls[1] != frame:
             self._walls = map, frame, frozenset(_wall_dots(map, frame))
         return self._walls[2]
+
+
+def _put(row: list[Cell], column: int, cell: Cell) -> None:
+    """Draw over a cell; of a wide character that stood there nothing is left."""
+    if not row[column][0]:
+        row[column - 1] = ' ', row[column - 1][1]
+    if column + 1 < len(row) and not row[column + 1][0]:
+        row[column + 1] = ' ', row[column + 1][1]
+    row[column] = cell
 
 
 def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
@@ -176,11 +186,12 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
         cells = range(max(0, begin - 1), min(columns, begin + count + 1))  # one beside it on both sides
         return is_inside and all((cell, line) == at or drawn[line][cell][1] is not Layer.PLACE for cell in cells)
 
-    middle = max(0, min(column - len(name) // 2, columns - len(name)))
-    tried = ((column + 1, row), (column - len(name), row), (middle, row - 1), (middle, row + 1))
-    begin, line = next((one for one in tried if is_free(*one, len(name))), tried[0])
-    room = next((count for count in range(len(name), 0, -1) if is_free(begin, line, count)), 0)
-    for cell, character in enumerate(cut(name, room), begin):
+    wide = width(name)
+    middle = max(0, min(column - wide // 2, columns - wide))
+    tried = ((column + 1, row), (column - wide, row), (middle, row - 1), (middle, row + 1))
+    begin, line = next((one for one in tried if is_free(*one, wide)), tried[0])
+    room = next((count for count in range(wide, 0, -1) if is_free(begin, line, count)), 0)
+    for cell, character in enumerate(in_cells(cut(name, room)), begin):
         drawn[line][cell] = character, Layer.PLACE
 
 

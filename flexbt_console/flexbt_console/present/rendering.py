@@ -119,11 +119,6 @@ def peer_line(peer: Peer) -> str:
     return Line(f'{one_line(peer.name)} {word}{problem}', tone)
 
 
-def missed_peers(snapshot: Snapshot) -> list[Peer]:
-    """The nodes that are missing, late, or not ready."""
-    return [peer for peer in snapshot.peers if not peer.alive or peer.late or not peer.ready]
-
-
 def what_runs(view: View) -> str:
     """What runs, or how the last run ended, without the reason."""
     snapshot = view.snapshot
@@ -232,7 +227,7 @@ def status_lines(view: View) -> list[str]:
         if pending.choices:
             shown.append(f'            {choice_line(pending)}')
     shown.append(f'robot     {pose_text(snapshot.robot_pose)}')
-    missed = missed_peers(snapshot)
+    missed = snapshot.missed_peers
     well = [peer_line(peer) for peer in snapshot.peers if peer not in missed]
     if well:
         shown.append(_labelled('nodes', '  '.join(well)))
@@ -316,7 +311,7 @@ def robot_line(robot: RobotOverview) -> str:
     runs = what_runs(view) if view.snapshot is not None else 'nothing was heard of it'
     where = '  '.join(one_line(path) for path in view.active_paths)
     asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
-    missed = '; '.join(peer_line(peer) for peer in missed_peers(view.snapshot)) if view.live and view.snapshot else ''
+    missed = '; '.join(peer_line(peer) for peer in view.snapshot.missed_peers) if view.live and view.snapshot else ''
     what = '  '.join(filter(None, (asked, runs, '' if asked else where, missed)))
     text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))

@@ -27,7 +27,7 @@ from flexbt_console.mirror import (
     Trees,
     View,
 )
-from flexbt_console.pictures import ASCII, MapCanvas
+from flexbt_console.pictures import ASCII, UNICODE, MapCanvas, width
 
 RUNNING, FAILURE, IDLE = NodeStatus.RUNNING, NodeStatus.FAILURE, NodeStatus.IDLE
 NODES = [
@@ -146,3 +146,14 @@ def test_names_of_places_cover_neither_each_other_nor_their_signs(monkeypatch: p
         words = [word for line in drawn for word in line.replace('@', ' ').split()]
         assert all(any(name.startswith(word.rstrip('~')) for name in names) for word in words), drawn
         assert columns < 60 or sorted(words) == sorted(names)
+
+
+def test_a_wide_name_takes_its_cells_and_what_is_drawn_over_half_of_a_character_takes_all_of_it() -> None:
+    grid = GridMap(80, 40, 0.05, 0.0, 0.0, bytes(3200))
+    for robot_x, expected in ((None, '◦厨房 '), (2.15, '◦→ 房'), (2.25, '◦ →房')):
+        pose = Pose(robot_x, 1.0) if robot_x is not None else None
+        places = {'厨房': Pose(2.0, 1.0)}
+        _, cells = MapCanvas(UNICODE).draw(Surroundings(map=grid), pose, places, None, 40, 10)
+        drawn = [''.join(sign for sign, _ in row) for row in cells]
+        assert all(width(line) == 40 for line in drawn), drawn
+        assert any(expected in line for line in drawn), drawn

@@ -38,6 +38,7 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
         'idle': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='finished'),
         'runs': RUNS,
         'alone': dataclasses.replace(RUNS, peers=(Peer('/bt_server', alive=False, problem='start it'),)),
+        'unready': dataclasses.replace(RUNS, peers=(Peer('/recorder', alive=True, ready=False, problem='disk full'),)),
         'failed': dataclasses.replace(RUNS, state=ExecutiveState.IDLE, outcome='error'),
         'asks': dataclasses.replace(RUNS, decisions=(ASKED,)),
         'asks longer': dataclasses.replace(RUNS, decisions=(dataclasses.replace(ASKED, since=70.0),)),
@@ -53,10 +54,10 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
     for name, snapshot in shown.items():
         mirrors[name].receive_snapshot(snapshot)
         mirrors[name].receive_snapshot(dataclasses.replace(snapshot, sequence=2))
-    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'alone', 'runs', 'idle']
+    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'alone', 'unready', 'runs', 'idle']
     overview = fleet.overview()
     assert [robot.name for robot in overview] == expected
-    assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0]
+    assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert overview[0].urgency is Urgency.DECISION
     (alone,) = (robot_line(robot) for robot in overview if robot.name == 'alone')
     assert 'degraded' in alone and 'late' not in alone and '/bt_server MISSING: start it' in alone

@@ -15,7 +15,7 @@ from rich.cells import set_cell_size, split_graphemes
 from textual import events
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Input, Select
 
 from flexbt_console.commands import CommandBuilder, NobodyAsked
 from flexbt_console.errors import ConsoleError
@@ -405,6 +405,8 @@ def test_keys_typed_at_once_behind_the_colon_are_for_the_line() -> None:
         type_at_once(app, *':claix', 'backspace', 'tab', '!')
         await pilot.pause()
         assert app.query_one('#line', Input).value == 'claim!' and robot.link.sent == []
+        await pilot.press('escape', *':cl', 'home', 'tab')
+        assert app.query_one('#line', Input).value == 'cl'  # a completion is not seen there
         await pilot.press('escape', *'n', 'x', 'f8')
         assert app.query_one('#line', Input).value == 'note x' and robot.link.kinds == [CommandKind.STOP]
 
@@ -424,6 +426,52 @@ def test_keys_typed_at_once_are_for_the_form_that_they_open() -> None:
         (start,) = robot.link.sent
         assert start.behavior == 'Errand'
         assert start.arguments == (('speed', '0.37'), ('name', 'bp+'))
+
+    on_screen(robot, type_quickly)
+
+
+def test_enter_twice_at_once_starts_once() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+
+    async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for count, parameters in enumerate(((), (BehaviorParameter('speed', 'float', '0.3'),)), 1):
+            robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
+            await pilot.press('s', 'enter')
+            await pilot.pause()
+            type_at_once(app, 'enter', 'enter')
+            await pilot.pause()
+            assert robot.link.kinds == [CommandKind.START] * count and len(app.screen_stack) == 1
+
+    on_screen(robot, type_quickly)
+
+
+def test_keys_typed_at_once_behind_a_line_or_a_dialog_are_for_the_screen() -> None:
+    robot = Robot()
+
+    async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        type_at_once(app, *':force /Drive done', 'enter', 'enter')
+        type_at_once(app, *':note x', 'enter', '!')
+        type_at_once(app, '?', 'escape', '!')
+        await pilot.pause()
+        kinds = [CommandKind.FORCE, CommandKind.NOTE, CommandKind.STOP, CommandKind.STOP]
+        assert robot.link.kinds == kinds
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+        parameters = (BehaviorParameter('room', choices=('a', 'b')),)
+        robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
+        type_at_once(app, 's', 'enter', 'enter', 'escape')  # the values of the field are open, and closed again
+        await pilot.pause()
+        assert len(app.screen_stack) == 2
+        room = app.screen.query_one(Select)
+        while room.expanded or not room.has_focus:
+            await pilot.pause()
+        type_at_once(app, 'enter', 'down', 'enter')
+        while room.value != 'b':
+            await pilot.pause()
+        type_at_once(app, 'ctrl+s', '!')
+        await pilot.pause()
+        assert robot.link.kinds == [*kinds, CommandKind.START, CommandKind.STOP]
+        assert robot.link.sent[-2].arguments == (('room', 'b'),)
 
     on_screen(robot, type_quickly)
 
@@ -469,6 +517,10 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
             await pilot.press('p')
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)
+        with monkeypatch.context() as patch:
+            patch.setattr('flexbt_console.ui.screen.app.candidates', fail)
+            await pilot.press('colon', 'c', 'tab', 'escape')
+        await seen(robot, pilot)
         await pilot.press('exclamation_mark')
         assert robot.link.kinds == [CommandKind.STOP]
 

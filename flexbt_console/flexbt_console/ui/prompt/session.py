@@ -21,6 +21,7 @@ from prompt_toolkit.application import in_terminal
 from prompt_toolkit.completion import CompleteEvent, Completer, Completion
 from prompt_toolkit.document import Document
 from prompt_toolkit.formatted_text import StyleAndTextTuples
+from prompt_toolkit.history import InMemoryHistory
 from prompt_toolkit.input import Input
 from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
@@ -134,6 +135,7 @@ class Prompt:
         self._shown = ShownDecision(clock)
         self._attention = Attention(clock)
         self._follower = Follower(mirror)
+        self._history = _History()
         self._pending: list[str] = []
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
@@ -143,6 +145,7 @@ class Prompt:
         self._session: PromptSession[str] = PromptSession(
             '> ',
             completer=_PromptCompleter(mirror),
+            history=self._history,
             complete_while_typing=False,
             complete_style=CompleteStyle.READLINE_LIKE,
             reserve_space_for_menu=0,
@@ -167,6 +170,8 @@ class Prompt:
 
     def _typed(self, text: str) -> None:
         """A key counts as dealing with the decision on the screen."""
+        # What is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
+        self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
         if len(text) > MOST_TYPED + 1:
             self._session.default_buffer.text = text[: MOST_TYPED + 1]
             return
@@ -212,9 +217,14 @@ class Prompt:
                 return
             except KeyboardInterrupt:
                 self._shown.take()
+                self._history.is_cut = False
                 self._clear(self._session.default_buffer.text)
                 continue
-            if not self._do(text, Bound(*self._shown.take())):
+            bound, is_cut, self._history.is_cut = Bound(*self._shown.take()), self._history.is_cut, False
+            if is_cut:
+                told = f'the line {text!r:.40}... was longer than {MOST_TYPED} characters, and is cut; nothing was done'
+                self._print(_warned([told]))
+            elif not self._do(text, bound):
                 return
 
     async def _age(self) -> None:
@@ -235,8 +245,6 @@ class Prompt:
         """Do what a line says; False to quit."""
         view = self._mirror.view()
         try:
-            if len(text) > MOST_TYPED:
-                raise ConsoleError(f'the line {text!r:.40}... is longer than {MOST_TYPED} characters; nothing was done')
             meaning = interpret(text, view, self._make, bound)
             if meaning.local is Local.QUIT:
                 return False
@@ -371,6 +379,20 @@ class Prompt:
         output.write(line)
         output.write_raw(after)
         output.write('\n')
+
+
+class _History(InMemoryHistory):
+    """The lines that were typed, without those that were cut."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_cut = False
+        """Whether the line that is typed was longer than a line may be since it was last empty."""
+
+    def append_string(self, string: str) -> None:
+        """See :class:`prompt_toolkit.history.History`."""
+        if not self.is_cut:
+            super().append_string(string)
 
 
 class _PromptCompleter(Completer):

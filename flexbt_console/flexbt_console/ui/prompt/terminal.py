@@ -25,6 +25,9 @@ _BEGIN: Final = '\x1b[200~'
 _END: Final = '\x1b[201~'
 """Around what was pasted, by terminals that can tell it."""
 
+MOST_ESCAPE: Final = 32
+"""Characters of what a key sends behind the escape character."""
+
 _CONTROL: Final = re.compile(r'([\x00-\x1f\x7f])')
 _GONE: Final = frozenset({errno.EIO, errno.EBADF, errno.ENXIO, errno.EPIPE})
 
@@ -40,7 +43,7 @@ class Typed:
     def __init__(self, on_refused: Callable[[int], object]) -> None:
         self._on_refused = on_refused
         self._typed = 0
-        self._is_escaped = False
+        self._escape: str | None = None
         self._last = ''
         self._pasted: str | None = None
         self._dropped = 0
@@ -62,6 +65,7 @@ class Typed:
                 if size > MOST_TYPED:
                     self._on_refused(size)
                 self._pasted, self._dropped = None, 0
+                self._typed, self._escape = 0, None
             else:
                 drop = max(0, len(pasted) - MOST_TYPED - len(_END))  # in the rest may be the begin of its end
                 self._pasted, self._dropped = pasted[drop:], self._dropped + drop
@@ -72,12 +76,25 @@ class Typed:
         for part in _CONTROL.split(text):
             if len(part) == 1 and _CONTROL.match(part):
                 kept.append(part)
-                self._typed, self._is_escaped = 0, part == '\x1b'
-            elif part:
-                fits = part[: max(0, MOST_TYPED + 1 - self._typed)]
-                kept.append(f'{_BEGIN}{fits}{_END}' if len(fits) > AT_ONCE and not self._is_escaped else fits)
-                self._typed += len(part)
+                self._typed, self._escape = 0, '' if part == '\x1b' else None
+            else:
+                sequence = self._of_key(part)
+                typed = part[len(sequence) :]
+                fits = typed[: max(0, MOST_TYPED + 1 - self._typed)]
+                kept += [sequence, f'{_BEGIN}{fits}{_END}' if len(fits) > AT_ONCE else fits]
+                self._typed += len(typed)
         return ''.join(kept)
+
+    def _of_key(self, part: str) -> str:
+        """Its begin that belongs to a key: ESC [ ... final character (ECMA-48), ESC O x, ESC x, Linux's ESC [ [ x."""
+        for count, character in enumerate(part):
+            if self._escape is None:
+                return part[:count]
+            self._escape += character
+            is_final = self._escape not in ('[', 'O', '[[') and '@' <= character <= '~'
+            if is_final or self._escape[0] not in '[O' or len(self._escape) == MOST_ESCAPE:
+                self._escape = None
+        return part
 
 
 class _BoundedReader(PosixStdinReader):

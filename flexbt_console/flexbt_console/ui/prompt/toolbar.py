@@ -17,7 +17,6 @@ from flexbt_console.present import (
     command_result_lines,
     decision_line,
     link_word,
-    missed_peers,
     not_paused_lines,
     peer_line,
     pose_text,
@@ -71,7 +70,7 @@ def _head(view: View, width: int) -> list[str]:
     elif not view.live and snapshot is not None:
         head.append(Line('NOT LIVE: this is how it was then', tone_of(word)))
     if snapshot is not None:
-        head += [line for peer in missed_peers(snapshot) for line in _folded(peer_line(peer), width)]
+        head += [line for peer in snapshot.missed_peers for line in _folded(peer_line(peer), width)]
         head += _folded(Line(one_line(snapshot.message), Tone.WARNING), width) if snapshot.message else []
     return head
 

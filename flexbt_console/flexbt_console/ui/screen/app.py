@@ -21,6 +21,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.suggester import Suggester
 from textual.timer import Timer
+from textual.widget import AwaitMount
 from textual.widgets import Input
 
 from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
@@ -59,7 +60,7 @@ PLAY_SECONDS: Final = 0.1
 """From one picture of a recording that plays to the next."""
 
 FIELD_SECONDS: Final = 0.5
-"""A field has taken what was typed into it before that; else the next key does not wait for it."""
+"""A field has taken what was typed into it before that; else the next key does not wait for it, and sends nothing."""
 
 TOLD_LINES: Final = 200
 """Lines that the console itself has told, and are remembered."""
@@ -85,20 +86,13 @@ class Robots(Protocol):
 
 
 class _Completing(Suggester):
-    def __init__(self, view: Callable[[], View]) -> None:
+    def __init__(self, complete: Callable[[str], str | None]) -> None:
         super().__init__(use_cache=False, case_sensitive=True)
-        self._view = view
+        self._complete = complete
 
     async def get_suggestion(self, value: str) -> str | None:
         """See :class:`textual.suggester.Suggester`."""
-        return _completed(value, self._view())
-
-
-def _completed(value: str, view: View) -> str | None:
-    """The line with its last word completed."""
-    found = candidates(value, view)
-    head = value[: len(value) - len(value.rpartition(' ')[2])]
-    return f'{head}{found[0]}' if value and found else None
+        return self._complete(value)
 
 
 def _guarded(method: Callable[P, None]) -> Callable[P, None]:
@@ -110,8 +104,7 @@ def _guarded(method: Callable[P, None]) -> Callable[P, None]:
             method(*args, **kwargs)
         except Exception as error:
             screen: Any = args[0]
-            text = ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
-            screen.tell([Line(line, Tone.ERROR) for line in text])
+            screen.tell_fault(error)
 
     return call
 
@@ -167,6 +160,7 @@ class OperatorScreen(App[None]):
                 ('escape', 'leave_mode'),
                 ('slash', 'slash'),
                 ('tab', 'complete'),
+                ('enter', 'enter_line'),
                 ('f8', 'stop_now'),
             )
         ),
@@ -209,6 +203,7 @@ class OperatorScreen(App[None]):
         self._ageing: Timer | None = None
         self._is_quitting = False
         self._line_bound = Bound(None)
+        self._opening: AwaitMount | None = None
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.app.App`."""
@@ -222,7 +217,7 @@ class OperatorScreen(App[None]):
             yield Pane(id='lines')
         yield Input(
             id='line',
-            suggester=_Completing(lambda: self._mirror.view()),
+            suggester=_Completing(self._completed),
             placeholder='a command; Tab completes, Esc leaves',
             select_on_focus=False,
             disabled=True,
@@ -251,6 +246,11 @@ class OperatorScreen(App[None]):
         stamp = snapshot.stamp if snapshot is not None else 0.0
         self._told.extend((stamp, line) for line in text)
         self._wake()
+
+    def tell_fault(self, error: Exception) -> None:
+        """Tell what is a fault of our own."""
+        text = ['fault in the console, which goes on:', *lines(''.join(traceback.format_exception(error)))]
+        self.tell([Line(line, Tone.ERROR) for line in text])
 
     def _wake(self) -> None:
         # From any thread; many changes make one drawing.
@@ -342,12 +342,12 @@ class OperatorScreen(App[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key does that now; what is typed into a line or an open list is for these."""
-        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'slash', 'complete'):
+        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'slash', 'complete', 'enter_line'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
             return isinstance(self.screen, Overview) and parameters == ('stop',)
         is_typing = self.query_one('#line', Input).has_class('typing')
-        return action == 'leave_mode' or is_typing == (action == 'complete')
+        return action == 'leave_mode' or is_typing == (action in ('complete', 'enter_line'))
 
     def action_stop_now(self) -> None:
         """Stop, whatever is open."""
@@ -448,17 +448,25 @@ class OperatorScreen(App[None]):
         """See :class:`textual.app.App`. Every key counts as dealing with the decision on the screen.
 
         A key that changes a field, or leaves it, comes after what was typed into it, and before the next key: Textual
-        has both in queues of different widgets.
+        has both in queues of different widgets. What a key has opened has its focus before the next key.
         """
         if isinstance(event, events.Key):
+            if self._opening is not None:
+                opening, self._opening = self._opening, None
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(opening(), FIELD_SECONDS)
             view = self._mirror.view()
             self._attention.touched(view, view.decision.id if view.decision is not None else None)
             field = self.focused
             if isinstance(field, Input) and not (event.is_forwarded or event.is_printable):
                 typed = asyncio.Event()
                 field.call_later(typed.set)
-                with contextlib.suppress(TimeoutError):
+                try:
                     await asyncio.wait_for(typed.wait(), FIELD_SECONDS)
+                except TimeoutError:
+                    if event.key in ('enter', 'ctrl+s'):
+                        self._warn('what was typed is not in its field yet; nothing was done: press it again')
+                        return
                 if not await self._check_bindings(event.key, priority=True):
                     await self._check_bindings(event.key)
                 return
@@ -489,7 +497,7 @@ class OperatorScreen(App[None]):
         self.tell([Line(line, Tone.WARNING) for line in lines(text)])
 
     def _read(self, title: str, text: Sequence[str]) -> None:
-        self.push_screen(Reading(title, text))
+        self._opening = self.push_screen(Reading(title, text))
 
     def _do_confirm(self, key: Key, view: View) -> None:
         decision = view.decision
@@ -530,7 +538,7 @@ class OperatorScreen(App[None]):
             if name is not None:
                 self.switch(name)
 
-        self.push_screen(Overview(self._robots.fleet.overview, self._robot), chosen)
+        self._opening = self.push_screen(Overview(self._robots.fleet.overview, self._robot), chosen)
 
     def switch(self, name: str) -> None:
         """Go to another robot: all panes show it, and all commands are for it."""
@@ -567,7 +575,7 @@ class OperatorScreen(App[None]):
                 path, outcome = choices[number]
                 self._do_words('force', path, outcome)
 
-        self.push_screen(ChoiceList('leave a state by', shown), forced)
+        self._opening = self.push_screen(ChoiceList('leave a state by', shown), forced)
 
     def _do_words(self, *words: str) -> None:
         self.do(shlex.join(words))
@@ -583,7 +591,7 @@ class OperatorScreen(App[None]):
                 self._fill_in(key.action, usable[number])
 
         shown = [f'{behavior.name}  {behavior.description}' for behavior in usable]
-        self.push_screen(ChoiceList(f'{key.action} a behavior', shown), chosen)
+        self._opening = self.push_screen(ChoiceList(f'{key.action} a behavior', shown), chosen)
 
     _do_switch = _do_start
 
@@ -592,7 +600,7 @@ class OperatorScreen(App[None]):
             if line is not None:
                 self.do(line)
 
-        self.push_screen(StartForm(verb, behavior), filled)
+        self._opening = self.push_screen(StartForm(verb, behavior), filled)
 
     def _do_note(self, key: Key, view: View) -> None:
         self._open_line('note ')
@@ -636,18 +644,17 @@ class OperatorScreen(App[None]):
         self.screen_stack[0].set_focus(None)
 
     @_guarded
-    def on_input_submitted(self, event: Input.Submitted) -> None:
+    def action_enter_line(self) -> None:
         """A line was typed; it belongs to the decision that was on the screen when it was begun."""
-        if event.input.id != 'line':
-            return
+        text = self.query_one('#line', Input).value
         self._close_line()
         view = self._mirror.view()
         try:
-            if self._replay is not None and event.value.startswith('/'):
-                self._replay.player.find(event.value[1:])
+            if self._replay is not None and text.startswith('/'):
+                self._replay.player.find(text[1:])
                 self._show_replay()
                 return
-            self._carry_out(interpret(event.value, view, self._make, self._line_bound), view)
+            self._carry_out(interpret(text, view, self._make, self._line_bound), view)
         except ConsoleError as error:
             self._warn(str(error))
 
@@ -657,10 +664,21 @@ class OperatorScreen(App[None]):
         self._open_line('/' if self._replay is not None else '')
 
     def action_complete(self) -> None:
-        """Complete the line that is typed."""
+        """Complete the line that is typed, at whose end the completion is seen."""
         line = self.query_one('#line', Input)
-        line.value = _completed(line.value, self._mirror.view()) or line.value
-        line.cursor_position = len(line.value)
+        if line.cursor_position == len(line.value):
+            line.value = self._completed(line.value) or line.value
+            line.cursor_position = len(line.value)
+
+    def _completed(self, value: str) -> str | None:
+        """The line with its last word completed."""
+        try:
+            found = candidates(value, self._mirror.view())
+        except Exception as error:  # on a worker of the field, which would end the screen
+            self.tell_fault(error)
+            return None
+        head = value[: len(value) - len(value.rpartition(' ')[2])]
+        return f'{head}{found[0]}' if value and found else None
 
 
 def run_screen(

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Final
 
 from rich.text import Text
+from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
@@ -96,7 +97,8 @@ class StartForm(ModalScreen[str | None]):
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding('escape', 'dismiss(None)', 'leave'),
+        Binding('escape', 'leave', 'leave', priority=True),
+        Binding('enter', 'enter', 'start', priority=True),
         Binding('ctrl+s', 'send', 'start', priority=True),
         Binding('tab', 'app.focus_next', 'next', priority=True),
         Binding('shift+tab', 'app.focus_previous', 'previous', priority=True),
@@ -131,15 +133,24 @@ class StartForm(ModalScreen[str | None]):
         if fields:
             self.set_focus(fields.first())
 
-    def on_key(self, event: Any) -> None:
-        """Without a field, Enter starts."""
-        if event.key == 'enter' and not self._behavior.parameters:
-            event.stop()
-            self.action_send()
+    async def action_leave(self) -> None:
+        """Leave the values of a field that are open, or else the form."""
+        opened = [field for field in self.query(Select) if field.expanded]
+        for field in opened:
+            await field.query_one(OptionList).run_action('dismiss')
+        if not opened:
+            self.dismiss(None)
 
-    def on_input_submitted(self) -> None:
-        """Enter in a field."""
-        self.action_send()
+    def action_enter(self) -> None:
+        """Give the line, except where Enter opens the values of a field, or chooses one of them."""
+        field = self.focused
+        if isinstance(field, OptionList):
+            raise SkipAction
+        if isinstance(field, Select):
+            field.action_show_overlay()
+            self.set_focus(field.query_one(OptionList))
+        else:
+            self.action_send()
 
     def action_send(self) -> None:
         """Give the line."""
@@ -155,7 +166,7 @@ class Reading(ModalScreen[None]):
     """Lines to be read; those that are too long are folded."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding('escape,enter,q,question_mark', 'dismiss(None)', 'leave'),
+        Binding('escape,enter,q,question_mark', 'dismiss(None)', 'leave', priority=True),
     ]
 
     def __init__(self, title: str, text: Sequence[str]) -> None:

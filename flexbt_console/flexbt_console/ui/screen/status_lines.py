@@ -18,7 +18,6 @@ from flexbt_console.present import (
     autonomy_text,
     event_line,
     log_lines,
-    missed_peers,
     peer_line,
     stamp_text,
     tone_of,
@@ -59,7 +58,7 @@ def alarm_text(view: View, columns: int) -> Text:
     if snapshot is not None and not view.live:
         shown.append(Line('BLIND: this is how it was then; only STOP is sent', Tone.ERROR))
     if snapshot is not None:
-        shown += [peer_line(peer) for peer in missed_peers(snapshot)]
+        shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
     return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown[:ALARM_ROWS]])
 

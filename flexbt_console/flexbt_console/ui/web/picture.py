@@ -17,7 +17,6 @@ from flexbt_console.present import (
     decision_line,
     link_word,
     log_lines,
-    missed_peers,
     not_paused_lines,
     peer_line,
     pose_text,
@@ -69,7 +68,7 @@ def _status(view: View) -> dict[str, Any] | None:
         'autonomy': snapshot.autonomy,
         'autonomy_text': autonomy_text(snapshot.autonomy),
         'authority': authority_text(snapshot) if snapshot.authority or snapshot.authority_requests else '',
-        'missed': [peer_line(peer) for peer in missed_peers(snapshot)],
+        'missed': [peer_line(peer) for peer in snapshot.missed_peers],
         'locked': snapshot.locked,
         'breakpoints': snapshot.breakpoints,
     }
