@@ -55,7 +55,6 @@ def nodes_of(
         Node(
             package=process.package,
             executable=process.executable,
-            name=process.name,
             parameters=[{**process.parameters, **(parameters or {})}],
             output='screen',
             **{'namespace': process.namespace, **options},

@@ -17,30 +17,15 @@ import pytest
 from flexbt_console.errors import ExitCode
 from flexbt_console.ui.console import main
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
-from flexbt_testing.system.python_process import PythonProcess, python_process
+from flexbt_testing.system.console_process import COMMAND, run_console
+from flexbt_testing.system.console_process import start_console as start
 from flexbt_testing.waiting import DEADLINE, wait_until
 
-COMMAND = ['-m', 'flexbt_console']
-LOADED = ('flexbt_console.link', 'flexbt_console.ui.line')
-"""What each command needs that asks an executive."""
 NAMESPACE = 'lines'
 
 
-def start(*words: str) -> PythonProcess:
-    """A console."""
-    return python_process([*COMMAND, *words], LOADED)
-
-
 def console(*words: str, namespace: str = NAMESPACE, timeout: str = '15') -> subprocess.CompletedProcess[str]:
-    with start(*words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout) as process:
-        try:
-            output, errors = process.communicate(timeout=60)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGABRT)  # it then tells what each thread is doing
-            output, errors = process.communicate()
-            pytest.fail(f'{words} did not end in time\n{output}\n{errors}')
-    assert process.returncode is not None
-    return subprocess.CompletedProcess(words, process.returncode, output, errors)
+    return run_console(*words, '--namespace', namespace, '--operator', 'ann', '--timeout', timeout)
 
 
 def test_an_output_that_does_not_fit_onto_its_disk_is_told(

@@ -42,7 +42,7 @@ class Process:
 
     @property
     def name(self) -> str:
-        """The name of its node, which is that of the executable."""
+        """That of the executable; of its node, too, if it has one alone."""
         return self.executable
 
     def command(self) -> list[str]:

@@ -27,6 +27,8 @@ from .robot_processes import flat, robot_processes
 from .script import BRANCHES, TITLE, Flat, reach_goals
 
 ROBOT: Final = 'robot'
+PEERS: Final = 3
+"""Of the executive: simulator, navigation, BT server."""
 
 INTRODUCTION = """
 The robot brings the cup from the kitchen to the office. Shut the door meanwhile, from another terminal:
@@ -46,12 +48,11 @@ def main() -> int:
 def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
     timeline = Timeline()
     timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
-    processes = robot_processes(options.speed)
-    for process in processes:
+    for process in robot_processes(options.speed):
         group.start(process.name, process.command())
     with join_robot('operator', timeline) as session:
         group.watch(lambda ended: session.operator.abandon(ended.report()))
-        session.operator.wait_ready(peers=len(processes) - 1, timeout=READY_TIMEOUT_S)
+        session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)
         if not options.interactive:
             return _run_script(options, session, timeline)
         session.operator.start('Reach Goal', AutonomyLevel.HIGH)

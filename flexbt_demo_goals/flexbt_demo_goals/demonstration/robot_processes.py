@@ -18,16 +18,16 @@ SPEED: Final = 0.7
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """The simulator and what runs on the robot; ``speed`` in seconds per second."""
+    """The simulation, with the navigation in it, and what else runs on the robot; ``speed`` in seconds per second."""
     simulated: Mapping[str, ParameterValue] = {'use_sim_time': True}
     world: Mapping[str, ParameterValue] = {
         'speed_factor': speed,
         'world': config_file('flat.yaml'),
         'robot_namespaces': False,
+        'desired_linear_vel': SPEED,
     }
     return (
-        Process('flexbt_sim', 'simulator', world),
-        Process('flexbt_sim', 'navigation', {**simulated, 'desired_linear_vel': SPEED}),
+        Process('flexbt_sim', 'simulation', world),
         Process('flexbt_server', 'bt_server', {**simulated, 'navigators': (names.NAVIGATE_TO_POSE,)}),
         Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': config_file('places.yaml')}),
     )

@@ -26,7 +26,9 @@ def config_file(name: str) -> str:
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """The simulator and what runs on the robot, but for the program; ``speed`` in seconds per second."""
+    """The simulation, with the navigation in it, and what else runs on the robot, but for the program; ``speed`` in
+    seconds per second.
+    """
     simulated: Mapping[str, ParameterValue] = {'use_sim_time': True}
     navigators: Mapping[str, ParameterValue] = {
         'navigators': (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS),
@@ -39,8 +41,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
         'robot_namespaces': False,
     }
     return (
-        Process('flexbt_sim', 'simulator', world),
-        Process('flexbt_sim', 'navigation', simulated),
+        Process('flexbt_sim', 'simulation', world),
         Process('flexbt_server', 'bt_server', {**simulated, **navigators}),
         Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': config_file('places.yaml')}),
     )

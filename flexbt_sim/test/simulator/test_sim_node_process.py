@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
 
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import uncontended_time
 
 DEADLINE = 60.0
@@ -31,6 +32,21 @@ def test_what_cannot_work_is_refused_in_one_line() -> None:
         assert err.startswith(f'{executable}: cannot start: ') and err.count('\n') == 1, err
 
 
+PREPARED = ('flexbt_sim.simulation', 'flexbt_sim.world.prepare_world', 'flexbt_sim.navigation.prepare_navigation')
+
+PROGRAM = """
+import sys
+from flexbt_sim.executables import {name}
+
+sys.exit({name}())
+"""
+
+
+def fork(executable: str, setting: str) -> PythonProcess:
+    """An executable with a parameter, where its beginning is not the subject."""
+    return python_process(['-c', PROGRAM.format(name=executable), '--ros-args', '-p', setting], PREPARED)
+
+
 BROKEN = """
 import sys
 from flexbt_sim import world
@@ -45,29 +61,30 @@ sys.exit(main([]))
 
 
 def test_a_simulator_whose_world_raises_ends_and_says_why() -> None:
-    words = [sys.executable, '-c', BROKEN]
-    process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    _, err = process.communicate(timeout=DEADLINE)
+    with python_process(['-c', BROKEN], PREPARED) as process:
+        _, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1
     assert 'simulator: cannot go on' in err and 'a wheel came off' in err
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
-    running = []
-    for executable, setting in (
-        ('navigation', 'use_sim_time:=true'),
-        ('simulator', 'speed_factor:=1.0'),
-        ('simulator', 'speed_factor:=0.0001'),
-        ('simulation', 'speed_factor:=0.0'),  # which takes all of a processor
-    ):
-        running.append(start(executable, setting))
-        assert running[-1].stderr is not None
-        assert running[-1].stderr.readline()  # it has said that it runs
-    for process in reversed(running):
-        began = uncontended_time()
-        process.send_signal(number)
-        _, err = process.communicate(timeout=DEADLINE)
-        assert uncontended_time() - began < 2.0
-        assert process.returncode == 0
-        assert 'Traceback' not in err and 'ERROR' not in err, err
+    running: list[PythonProcess] = []
+    with ExitStack() as stack:
+        for executable, setting in (
+            ('navigation', 'use_sim_time:=true'),
+            ('simulator', 'speed_factor:=1.0'),
+            ('simulator', 'speed_factor:=0.0001'),
+            ('simulation', 'speed_factor:=0.0'),  # which takes all of a processor
+        ):
+            running.append(fork(executable, setting))
+            stack.enter_context(running[-1])
+            assert running[-1].stderr is not None
+            assert running[-1].stderr.readline()  # it has said that it runs
+        for process in reversed(running):
+            began = uncontended_time()
+            process.send_signal(number)
+            _, err = process.communicate(timeout=DEADLINE)
+            assert uncontended_time() - began < 2.0
+            assert process.returncode == 0
+            assert 'Traceback' not in err and 'ERROR' not in err, err

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A behavior as FlexBE's editor writes it, in a package of its own: found by flexbt_flexbe, started, supervised."""
 
-import json
 import os
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.console_process import console_answer, run_console
+from flexbt_testing.system.processes import Stack
 
 PACKAGE = 'mission_flexbe_behaviors'
 DEADLINE_S = 60.0
@@ -107,17 +106,12 @@ def robot(installed: None, tmp_path: Path) -> Iterator[Stack]:
         yield stack
 
 
-def console(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [executable('console'), *words, '--timeout', '30']
-    return subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S)
-
-
 def waiting_for(path: str) -> dict[str, Any]:
     """The decision that a state puts to the operator."""
     end = time.monotonic() + DEADLINE_S
     status: dict[str, Any] = {}
     while time.monotonic() < end:
-        status = json.loads(console('status', '--json').stdout)
+        status = console_answer('status')
         for decision in status['decisions']:
             if decision['path'] == path:
                 return dict(decision)
@@ -125,15 +119,15 @@ def waiting_for(path: str) -> dict[str, Any]:
 
 
 def test_a_flexbe_behavior_runs_its_trees_and_is_supervised(robot: Stack) -> None:
-    assert 'Mission' in console('behaviors').stdout
-    started = console('start', 'Mission', 'greeting=sum', '--autonomy', 'low')
+    assert 'Mission' in run_console('behaviors').stdout
+    started = run_console('start', 'Mission', 'greeting=sum', '--autonomy', 'low')
     assert started.returncode == 0, started.stdout + started.stderr
     assert waiting_for('/Ask')['prompt'] == 'how much?'
-    assert console('input', '41').returncode == 0
+    assert run_console('input', '41').returncode == 0
     assert waiting_for('/Get')['outcome'] == 'done', 'it requires more autonomy than there is'
-    assert console('confirm').returncode == 0
+    assert run_console('confirm').returncode == 0
     end = time.monotonic() + DEADLINE_S
-    while 'sum 42.0' not in (log := console('log').stdout):
+    while 'sum 42.0' not in (log := run_console('log').stdout):
         assert time.monotonic() < end, log
-    status = json.loads(console('status', '--json').stdout)
+    status = console_answer('status')
     assert (status['behavior'], status['outcome']) == ('Mission', 'finished')

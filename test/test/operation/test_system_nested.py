@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -14,8 +11,9 @@ import pytest
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.processes import Stack
 
 INNER = 'inspector/onboard_executive'
 DEADLINE = 60.0
@@ -30,13 +28,9 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
         yield stack
 
 
-def console(*words: str, namespace: str = '', exit_code: int = 0) -> Any:
+def console(*words: str, namespace: str = '') -> Any:
     """What a command of the console answers."""
-    line = [executable('console'), *words, '--json', '--timeout', '50', '--operator', 'ann']
-    line += ['--namespace', namespace] if namespace else []
-    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
-    assert done.returncode == exit_code, (words, done.stdout, done.stderr)
-    return json.loads(done.stdout)
+    return console_answer(*words, '--operator', 'ann', *(['--namespace', namespace] if namespace else []))
 
 
 def wait_for_server() -> None:

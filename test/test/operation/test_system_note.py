@@ -17,6 +17,7 @@ from rclpy.serialization import deserialize_message
 from flexbt_common.names import EXECUTIVE_LOG
 from flexbt_console.recording.run_file import read_run
 from flexbt_msgs.msg import ExecutiveLog
+from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack, executable
 
 DEADLINE = 60.0
@@ -27,12 +28,12 @@ class Watching:
     """A console of an operator that follows what happens, a process; ``log`` are the lines of the log that it got."""
 
     def __init__(self, operator: str) -> None:
-        line = [executable('console'), 'watch', '--json', '--operator', operator]
-        self.process = subprocess.Popen(line, stdout=subprocess.PIPE)
+        self.process = start_console('watch', '--json', '--operator', operator)
         self.log: list[str] = []
-        self.output: list[bytes] = []
+        self.output: list[str] = []
         self._changed = threading.Condition()
-        threading.Thread(target=self._read, daemon=True).start()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -45,9 +46,15 @@ class Watching:
 
     def wait_for(self, event: str) -> None:
         """Wait until there was an event of that name."""
-        name = f'"event": "{event}"'.encode()
+        name = f'"event": "{event}"'
         with self._changed:
             assert self._changed.wait_for(lambda: any(name in line for line in self.output), DEADLINE), self.output
+
+    def end(self) -> None:
+        """Kill it."""
+        with self.process:
+            self.process.kill()
+            self._thread.join()
 
     def noted(self) -> str:
         """Wait for a note in the log."""
@@ -61,16 +68,12 @@ def watching() -> Iterator[tuple[Watching, Watching]]:
     consoles = Watching('ann'), Watching('bob')
     yield consoles
     for console in consoles:
-        console.process.kill()
-        console.process.wait()
+        console.end()
 
 
 def console(*words: str, exit_code: int = 0) -> Any:
     """What a command of ann's console answers."""
-    line = [executable('console'), *words, '--json', '--timeout', '30', '--operator', 'ann']
-    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, check=False)
-    assert done.returncode == exit_code and done.stdout.startswith(b'{'), (words, done)
-    return json.loads(done.stdout)
+    return console_answer(*words, '--operator', 'ann', exit_code=exit_code)
 
 
 def test_a_note_reaches_every_console_and_what_is_kept(tmp_path: Path, watching: tuple[Watching, Watching]) -> None:
@@ -86,9 +89,9 @@ def test_a_note_reaches_every_console_and_what_is_kept(tmp_path: Path, watching:
         texts = {one.noted() for one in watching}
         assert len(texts) == 1 and 'ann notes: the floor is wet' in texts.pop()
         for one in watching:
-            assert all(line.isascii() and b'\x1b' not in line for line in one.output)
-        shown = subprocess.run([executable('console'), 'log'], capture_output=True, timeout=DEADLINE, check=True).stdout
-        assert b'the floor is wet \\e[2J' in shown and b'\x1b' not in shown
+            assert all(line.isascii() and '\x1b' not in line for line in one.output)
+        shown = run_console('log').stdout
+        assert 'the floor is wet \\e[2J' in shown and '\x1b' not in shown
         console('stop', '--wait', '--wait-timeout', '30')
         assert stack.end('recorder', signal.SIGINT, DEADLINE).exit_code == 0
     (event_log,) = tmp_path.glob('*.jsonl')

@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,11 +13,11 @@ import pytest
 from flexbt_common.liveness import PRESENCE_LEASE_SECONDS
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.system.console_process import console_answer, silent_console
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time, wait_until
 
-DEADLINE = 60.0
 TIMEOUT = 2.0
 SEEN_AFTER_DEATH = PRESENCE_LEASE_SECONDS + 1.0
 
@@ -41,25 +38,14 @@ def probe(stack: Stack) -> Iterator[Probe]:
         yield probe
 
 
-@contextlib.contextmanager
-def watching(operator: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A console of an operator, which stays."""
-    line = [executable('console'), 'watch', '--json', '--operator', operator]
-    with subprocess.Popen(line, stdout=subprocess.DEVNULL) as process:
-        yield process
-        process.kill()
-
-
 def console(operator: str, *words: str, exit_code: int = 0) -> Any:
     """What a command of an operator's console answers; None for an empty list."""
-    line = [executable('console'), *words, '--json', '--timeout', '50', '--operator', operator]
-    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, env=os.environ, check=False)
-    assert done.returncode == exit_code, (words, done.stdout, done.stderr)
-    return json.loads(done.stdout) if done.stdout else None
+    return console_answer(*words, '--operator', operator, exit_code=exit_code)
 
 
 def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Stack, probe: Probe) -> None:
-    with watching('ann') as ann, watching('bob'):
+    watch = ('watch', '--json', '--operator')
+    with silent_console(*watch, 'ann') as ann, silent_console(*watch, 'bob'):
         console('ann', 'claim')
         console('bob', 'claim', '--reason', 'my shift')
         assert (probe.status.authority, list(probe.status.authority_requests)) == ('ann', ['bob'])

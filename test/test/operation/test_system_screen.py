@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.processes import Stack, executable
 from flexbt_testing.waiting import wait_until
 
@@ -62,18 +61,10 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
     shown.close()
 
 
-def console(*words: str) -> object:
-    """What a command answers."""
-    line = [executable('console'), *words, '--json', '--timeout', '60', '--operator', 'ann']
-    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, check=False)
-    print(done.stderr.decode(), file=sys.stderr)
-    return json.loads(done.stdout)
-
-
 def robots() -> set[tuple[str, str]]:
     """Those that are heard, without one that a busy machine holds up, each with the outcome of its last run."""
-    heard = console('robots')
-    return {(one['robot'], one['outcome']) for one in heard} if isinstance(heard, list) else set()
+    heard = console_answer('robots', '--operator', 'ann')
+    return {(one['robot'], one['outcome']) for one in heard}
 
 
 def test_the_robot_that_waits_is_found_stopped_and_left(tmp_path: Path, terminal: Terminal) -> None:
@@ -81,8 +72,8 @@ def test_the_robot_that_waits_is_found_stopped_and_left(tmp_path: Path, terminal
         for robot in ('robot1', 'robot2'):
             stack.start(f'{robot}/onboard_executive', {'use_sim_time': 'false'})
         terminal.shows('/robot1  LIVE  IDLE')
-        started = console('start', 'Navigate', '--autonomy', 'off', '--namespace', 'robot2')
-        assert isinstance(started, dict) and started['result'] == 'applied', started
+        words = ('--autonomy', 'off', '--namespace', 'robot2', '--operator', 'ann')
+        assert console_answer('start', 'Navigate', *words)['result'] == 'applied'
         terminal.shows('1 other needs you: o')
         terminal.keys('o')
         terminal.shows('robots: 2  need you: 1')

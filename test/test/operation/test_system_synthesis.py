@@ -3,30 +3,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
 from pathlib import Path
-from typing import Any
 
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.processes import Stack
 
-DEADLINE = 120.0
 CAPABILITIES = 'flexbt_demo_behaviors/capabilities/visit.yaml'
-
-
-def console(*words: str) -> Any:
-    """What a command of the console answers."""
-    line = [executable('console'), *words, '--json', '--timeout', '60']
-    done = subprocess.run(line, capture_output=True, timeout=DEADLINE, check=False)
-    assert done.returncode == 0, (words, done)
-    return json.loads(done.stdout)
 
 
 def test_a_machine_that_was_asked_for_drives_the_robot(tmp_path: Path) -> None:
@@ -37,7 +26,7 @@ def test_a_machine_that_was_asked_for_drives_the_robot(tmp_path: Path) -> None:
             probe.wait_ready()
             assert probe.pose is not None
             begin = probe.pose.pose.position
-            made = console('synthesize', CAPABILITIES, '--goal', 'look', '--name', 'Look there')
+            made = console_answer('synthesize', CAPABILITIES, '--goal', 'look', '--name', 'Look there')
             assert made['behavior'] == 'Look there'
             pose = PoseStamped(pose=Pose(position=Point(x=begin.x + 1.5, y=begin.y), orientation=Quaternion(w=1.0)))
             pose.header.frame_id = 'map'

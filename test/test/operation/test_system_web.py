@@ -7,7 +7,6 @@ import asyncio
 import json
 import re
 import signal
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,8 @@ from typing import Any
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.console_process import start_console
+from flexbt_testing.system.processes import Stack
 
 DEADLINE = 120.0
 BEHAVIOR = 'Navigate Split'
@@ -27,8 +27,7 @@ def address(tmp_path: Path) -> Iterator[str]:
     """Where the page of a robot is, whose behavior waits for a goal."""
     with Stack(tmp_path) as stack:
         stack.start_all({'speed_factor': '5.0'}, in_one=True)
-        line = [executable('console'), 'web', '--port', '0', '--operator', 'ann', '--timeout', '30']
-        with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as web:
+        with start_console('web', '--port', '0', '--operator', 'ann', '--timeout', '30') as web:
             try:
                 assert web.stdout is not None
                 told = web.stdout.readline()

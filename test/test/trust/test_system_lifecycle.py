@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,8 +11,9 @@ import pytest
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.system.console_process import console_answer, run_console
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time
 
 MANAGED = ('bt_server', 'onboard_executive')
@@ -36,8 +34,7 @@ def runtime() -> Iterator[NodeRuntime]:
 
 def shown() -> str:
     """The behavior line of the console."""
-    line = [executable('console'), 'status', '--timeout', '50']
-    done = subprocess.run(line, capture_output=True, text=True, timeout=60.0, env=os.environ, check=False)
+    done = run_console('status', '--timeout', '50')
     assert done.returncode == 0, done
     return next(line for line in done.stdout.splitlines() if line.startswith('behavior'))
 
@@ -114,7 +111,4 @@ def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
 
 def test_commands_to_an_executive_that_is_not_configured_are_refused(stack: Stack) -> None:
     stack.start('onboard_executive', {'autostart': 'false', 'use_sim_time': 'false'})
-    line = [executable('console'), 'start', 'Navigate', '--json', '--timeout', '50']
-    done = subprocess.run(line, capture_output=True, text=True, timeout=60.0, env=os.environ, check=False)
-    assert done.returncode == 3, done
-    assert 'unconfigured' in str(json.loads(done.stdout))
+    assert 'unconfigured' in str(console_answer('start', 'Navigate', exit_code=3))

@@ -16,8 +16,9 @@ from ament_index_python.packages import get_package_prefix
 from flexbt_common.names import SIMULATOR
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.system.console_process import silent_console
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.system.processes import Stack
 
 NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'console', 'observer', 'recorder')
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}
@@ -81,21 +82,13 @@ def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
         stack.start_all({'speed_factor': '4.0'}, {'navigators': navigators})
         stack.start('recorder', {'file': str(tmp_path / 'run.mcap')})
         probe = Probe(runtime)
-        consoles = [
-            subprocess.Popen([executable('console'), 'watch', *words], stdout=subprocess.DEVNULL)
-            for words in ((), ('--observer',))
-        ]
-        try:
+        with silent_console('watch'), silent_console('watch', '--observer'):
             probe.wait_ready()
             probe.wait(lambda: set(NAMES) <= set(used(probe)), 'all nodes in the graph')
             probe.drive_to(3.8, 1.2)
             rights = used(probe)
             probe.stop()
             probe.wait_state(ExecutiveStatus.IDLE)
-        finally:
-            for console in consoles:
-                console.kill()
-                console.wait()
         yield rights
 
 
