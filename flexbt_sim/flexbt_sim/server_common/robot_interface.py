@@ -33,6 +33,10 @@ from .request_checks import check_frame, finite_pose
 CHECK_SECONDS: Final = 0.1
 """From one look whether poses still come to the next, at least, s of wall time."""
 
+RETURN_SECONDS: Final = 3.0
+"""For so long at least goals wait for the pose of a robot that was gone, s of wall time: a process that takes the place
+of one that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.liveness`)."""
+
 COMPLAINT_SECONDS: Final = 5.0
 """Time between two lines of the log about poses that cannot be used."""
 
@@ -92,6 +96,7 @@ class RobotInterface:
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
         self._pose_heard = self._taken = -math.inf
+        self._was_gone = False
         self._is_moving = False
         self._has_map = False
         self._waiting: list[Callable[[], None]] = []
@@ -107,8 +112,8 @@ class RobotInterface:
 
     def when_known(self, goal: ServedGoal, go_on: Callable[[], None]) -> None:
         """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has
-        just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail. A goal that is to
-        be canceled waits for nothing.
+        just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail; so is a robot that
+        was gone, and may be there again. A goal that is to be canceled waits for nothing.
         """
         if self._is_known:
             go_on()
@@ -116,8 +121,8 @@ class RobotInterface:
         self._waiting.append(go_on)
         goal.on_cancel(lambda: self._waited_enough(go_on))
         steady = self._runtime.steady
-        until = steady.now() + self._parameters.pose_timeout
-        steady.call_at(until, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
+        seconds = max(self._parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
+        steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
 
     def _waited_enough(self, go_on: Callable[[], None]) -> None:
         if go_on in self._waiting:
@@ -162,7 +167,7 @@ class RobotInterface:
     def forget_pose(self) -> None:
         """What told the pose is gone."""
         self._demand.take_all()  # nothing that it has said before is news
-        self._pose, self._pose_heard = None, -math.inf
+        self._pose, self._pose_heard, self._was_gone = None, -math.inf, True
 
     def drive(self, velocity: Velocity) -> None:
         """Send a velocity command."""

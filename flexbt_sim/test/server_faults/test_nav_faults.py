@@ -17,7 +17,7 @@ from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_sim.nodes import Navigation
-from flexbt_sim.server_common import PoseWatch
+from flexbt_sim.server_common import PoseWatch, robot_interface
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import (
@@ -84,8 +84,10 @@ def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: 
         assert checks[4] - checks[0] > 3 * 0.2  # of four periods
 
 
-def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back() -> None:
-    with open_probe() as probe, open_navigation():
+def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with open_probe() as probe, open_navigation() as navigation:
         with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
             Simulator(simulator)
             goal = probe.follow(line(DOCK, EAST))
@@ -93,10 +95,15 @@ def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_
         lost = uncontended_time()
         assert 'no pose' in aborted(goal, FollowPath.Result.TF_ERROR).error_msg
         assert uncontended_time() - lost < 3.0
+        monkeypatch.setattr(robot_interface, 'RETURN_SECONDS', 60.0)
+        early = probe.follow(line(DOCK, (1.5, 4.45)))
+        assert early.accepted.wait(60.0)
+        navigation.call(lambda: None)  # it has begun to wait
+        monkeypatch.setattr(robot_interface, 'RETURN_SECONDS', 0.0)
         assert 'not known' in aborted(probe.plan(OFFICE), ComputePathToPose.Result.TF_ERROR).error_msg
         with without_faults(names.SIMULATOR, parameters=FAST) as simulator:
             Simulator(simulator)  # its time starts again at 0
-            assert probe.follow(line(DOCK, (1.5, 4.45))).wait().status is GoalStatus.SUCCEEDED
+            assert early.wait().status is GoalStatus.SUCCEEDED
             assert probe.send(names.WAIT, time=duration_message(0.5)).wait().status is GoalStatus.SUCCEEDED
 
 
