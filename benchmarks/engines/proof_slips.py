@@ -141,8 +141,8 @@ REQUIRED: Final[dict[str, tuple[str, ...]]] = {
         '/ShowPath has path={path}',
     ),
     'Night Watch': (
-        '/Watch/Round/Tour/CompareScan only after /Watch/Round/Tour/GetScan > received, each time anew',
-        'after /Watch/Round/Tour/JudgeFinding > alarm comes /Watch/Round/Tour/RaiseAlarm',
+        '/Watch/Round/CompareScan only after /Watch/Round/GetScan > received, each time anew',
+        'after /Watch/Round/JudgeFinding > alarm comes /Watch/Round/RaiseAlarm',
     ),
     'under a machine': (
         'after /Drive > failed comes /Recover',
