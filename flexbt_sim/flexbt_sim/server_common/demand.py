@@ -25,7 +25,8 @@ class Demand:
         self._servers = goal_servers(runtime)
         self._node = runtime.node
         self._messages: list[ReceivedMessages] = []
-        self._is_there = False
+        self.is_there = False
+        """Whether what comes is heard at once."""
         self.reasons: list[Callable[[], bool]] = []
 
     def subscribe(
@@ -38,7 +39,7 @@ class Demand:
 
     def take(self) -> None:
         """Somebody asks: hear what has come, unless the executor does so anyway."""
-        if not self._is_there:
+        if not self.is_there:
             self.take_all()
 
     def take_all(self) -> None:
@@ -47,7 +48,7 @@ class Demand:
             messages.take()
 
     def _look(self) -> bool:
-        self._is_there = any(server.busy for server in self._servers.values()) or any(
+        self.is_there = any(server.busy for server in self._servers.values()) or any(
             reason() for reason in self.reasons
         )
-        return self._is_there
+        return self.is_there

@@ -184,8 +184,10 @@ class RobotInterface:
         before = self._pose
         looked = self._runtime.heard.looked
         # It may have lain with the middleware for a while (demand.py), though it has come since the one before was
-        # taken; which holds, too, where the clock of the sender is another one.
-        age = min(max(0.0, time.time() - received.sent), looked - self._taken)
+        # taken; which holds, too, where the clock of the sender is another one. One that was waited for has lain there
+        # because this node was held up, which is not the sender's silence.
+        lain = 0.0 if self._demand.is_there else max(0.0, time.time() - received.sent)
+        age = min(lain, looked - self._taken)
         self._taken = looked
         try:
             message = received.unpack(PoseStamped)

@@ -100,3 +100,7 @@ def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> N
         assert runtime.call(lambda: receive(-100.0))[0] == 0.0
         silence, before = runtime.call(lambda: receive(100.0))  # the sender's clock is behind
         assert silence <= before
+        # While poses are waited for, one that comes late is no silence: this node was held up.
+        robot._demand.reasons.append(lambda: True)
+        robot._demand._look()
+        assert runtime.call(lambda: receive(0.8))[0] <= 0.0
