@@ -231,11 +231,13 @@ def test_all_recoveries_are_tried_until_the_door_opens(robot: Robot, tree: Tree)
     assert goal.feedback[-1].number_of_recoveries >= recoveries
 
 
-def has_lost_patience(goal: SentGoal) -> bool:
-    """Whether a goal has failed since the controller has waited for too long before the tree has planned anew."""
+def has_given_up(goal: SentGoal) -> bool:
+    """Whether a goal has failed since the controller has waited for too long before the tree has planned anew; or since
+    it was held up itself, and the robot, which drove on, is beside its path: a tree that looks at that ends."""
     if not goal.ended or goal.wait().status is GoalStatus.SUCCEEDED:
         return False
-    assert goal.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED, goal.outcomes
+    is_beside = 'IsWithinPathTrackingBounds' in goal.result.error_msg
+    assert is_beside or goal.result.error_code == FollowPath.Result.PATIENCE_EXCEEDED, goal.outcomes
     return True
 
 
@@ -244,8 +246,8 @@ def test_the_other_corridor_is_found(robot: Robot, tree: Tree) -> None:
     """Given again, the goal is reached by trees that plan once, too, and on any machine."""
     goal = robot.navigate(tree, EAST)
     goal.wait()
-    assert has_lost_patience(goal) or tree not in PLANNING_ONCE
-    if has_lost_patience(goal):
+    assert has_given_up(goal) or tree not in PLANNING_ONCE
+    if has_given_up(goal):
         goal = robot.navigate(tree, EAST)
     assert goal.wait().status is GoalStatus.SUCCEEDED, goal.outcomes
     robot.wait_at(EAST)
@@ -258,7 +260,7 @@ def test_a_point_is_followed_at_a_distance(robot: Robot, tree: Tree) -> None:
 
     goal = robot.navigate(tree, EAST)
     robot.probe.wait(lambda: goal.ended or is_near(), 'the robot near the point')
-    if has_lost_patience(goal):
+    if has_given_up(goal):
         goal = robot.navigate(tree, EAST)
         robot.probe.wait(lambda: goal.ended or is_near(), 'the robot near the point')
     assert not goal.ended, goal.outcomes
