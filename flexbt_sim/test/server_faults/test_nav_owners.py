@@ -44,10 +44,11 @@ def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successo
         world.wait_driving()
         owner.kill()
         killed = uncontended_time()
-        assert pause.wait().status is GoalStatus.ABORTED
-        assert 'bt_server' in pause.result.error_msg
         world.wait_at_rest()
         assert uncontended_time() - killed < 1.0 + 0.3  # it has been at rest for 0.3 s
+        # One that was killed before it has said which process it is, is late for a while before its goals end.
+        assert pause.wait().status is GoalStatus.ABORTED
+        assert 'bt_server' in pause.result.error_msg
     with goal_giver(names.BT_SERVER):
         world.wait_driving()
 
