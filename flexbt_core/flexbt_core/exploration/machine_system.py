@@ -38,6 +38,7 @@ from flexbt_core.state_machine import (
 )
 from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
 from flexbt_core.state_machine.model import Scope
+from flexbt_core.values import counted
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
@@ -86,8 +87,8 @@ class Bounds:
         }[self.operator]
         stops = ', a stop at any time' if self.stops else ''
         return (
-            f'any outcome of each state at any time, {people}{stops}, at most {self.faults} ignored '
-            f'cancel{"" if self.faults == 1 else "s"}, {servers_gone(self.faults)}, '
+            f'any outcome of each state at any time, {people}{stops}, '
+            f'at most {counted(self.faults, "ignored cancel")}, {servers_gone(self.faults)}, '
             f'autonomy {AUTONOMY_NAMES[self.autonomy]}'
         )
 

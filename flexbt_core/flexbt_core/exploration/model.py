@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Protocol
 
 from flexbt_core.monitors import Property, Requirements, Violation
+from flexbt_core.values import counted
 
 from .choices import Choices
 from .configuration import Configuration
@@ -63,7 +64,7 @@ class Answer(NamedTuple):
 
 def servers_gone(number: int) -> str:
     """This bound in words."""
-    return f'at most {number} server{"" if number == 1 else "s"} gone for good'
+    return f'at most {counted(number, "server")} gone for good'
 
 
 class System(Protocol):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import NamedTuple
 
-from flexbt_core.values import shown
+from flexbt_core.values import counted, shown
 
 from .properties import Property, Violation
 
@@ -40,7 +40,7 @@ class AtMost:
 
     def __str__(self) -> str:
         when = '' if self.seconds is None else f' in {self.seconds:g} s'
-        return f'{self.event} at most {self.times} time{"" if self.times == 1 else "s"}{when}'
+        return f'{self.event} at most {counted(self.times, "time")}{when}'
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Within:
 
     def __str__(self) -> str:
         when = 'before the end' if self.seconds is None else f'within {self.seconds:g} s'
-        times = '' if self.times is None else f', up to {self.times} time{"" if self.times == 1 else "s"}'
+        times = '' if self.times is None else f', up to {counted(self.times, "time")}'
         return f'after {self.event}, {self.then} {when}{times}'
 
 

@@ -45,6 +45,7 @@ from flexbt_core.planning import (
     tree_xml,
 )
 from flexbt_core.skills import SkillError, SkillLibrary, read_skills
+from flexbt_core.values import counted
 
 from .leaf_services import LeafServices
 
@@ -210,7 +211,7 @@ class ReachGoal(ExpandingAction):
             self._left_out.add(failed)
         self._tried += 1
         if self._tried >= self.get_input('attempts'):
-            return self.fail(f'gave up after {self._tried} attempt{"" if self._tried == 1 else "s"}: {why}')
+            return self.fail(f'gave up after {counted(self._tried, "attempt")}: {why}')
         return self._measure()
 
     def _expand(self, library: TreeLibrary, tree_id: str) -> NodeStatus:

@@ -64,32 +64,19 @@ def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) ->
 
 
 class HybridPlanner(GridPlanner):
-    """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it."""
+    """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
+
+    :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. Of a path
+    ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot nearly on
+    it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same one begins
+    forward and the other backward, and a robot that is told now this one and now that one gets nowhere. NavigationError
+    TIMEOUT is raised, too, when the search is given up.
+    """
 
     def __init__(self, costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> None:
         """``tolerance`` as for :class:`GridPlanner`; the turning radius of ``steering`` is above 0."""
         super().__init__(costmap, tolerance)
         self._steering = steering
-
-    def plan(
-        self,
-        start: Pose,
-        goal: Pose,
-        stop: StopFlag | None = None,
-        before: Sequence[Sequence[Pose]] = (),
-    ) -> list[Pose]:
-        """A path from start to goal that the robot can drive, with the poses of both at its ends.
-
-        Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the
-        robot nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the
-        same one begins forward and the other backward, and a robot that is told now this one and now that one gets
-        nowhere.
-
-        Raises:
-            NavigationError: as :meth:`GridPlanner.plan`; TIMEOUT when the search is given up.
-            PlanningStopped: ``stop`` was set.
-        """
-        return super().plan(start, goal, stop, before)
 
     def _way(
         self,

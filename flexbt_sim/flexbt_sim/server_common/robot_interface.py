@@ -146,9 +146,9 @@ class RobotInterface:
     @property
     def pose(self) -> Pose:
         """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
-        self._demand.take()
-        if self._pose is None or self.silence >= self._parameters.pose_timeout:
-            since = '' if self._pose is None else f' for {self.silence:.1f} s'
+        silence = self.silence
+        if self._pose is None or silence >= self._parameters.pose_timeout:
+            since = '' if self._pose is None else f' for {silence:.1f} s'
             raise NavigationError(
                 'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}{since}'
             )

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import FailureTrace, NodeExecutionError, NodeStatus, TreeNode
-from flexbt_core.values import one_line
+from flexbt_core.values import counted, one_line
 
 from .mock_run import MockRun
 
@@ -55,7 +55,7 @@ class TextPrinter:
 
     def result(self, report: dict[str, Any]) -> None:
         ticks = report['ticks']
-        print(f'{report["result"]} after {report["time"]:.3f} s and {ticks} tick{"" if ticks == 1 else "s"}')
+        print(f'{report["result"]} after {report["time"]:.3f} s and {counted(ticks, "tick")}')
         if report['reason']:
             print(one_line(f'  reason: {report["reason"]}'))
         for reason in report['reasons'][1:]:

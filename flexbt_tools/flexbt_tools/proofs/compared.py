@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from flexbt_core.exploration import Comparison
+from flexbt_core.values import counted
 
 
 class Compared(NamedTuple):
@@ -31,7 +32,7 @@ def comparison_lines(compared: Compared) -> Iterator[str]:
     found = compared.comparison
     number = len(found.differences) + found.more
     size = f'{found.situations} situations of both, {found.steps} steps, {found.seconds:.1f} s'
-    verdict = f'{number} difference{"" if number == 1 else "s"}' if number else 'does the same'
+    verdict = counted(number, 'difference') if number else 'does the same'
     verdict += '' if found.is_complete else ' as far as it was followed'
     yield f'{compared.name}, against before: {verdict} ({size})'
     if found.is_complete:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from flexbt_core.exploration import Counterexample, Progress, Property, Report
+from flexbt_core.values import counted
 
 _SHOWN: Final = 20
 _REMEDIES: Final = {
@@ -52,7 +53,7 @@ def report_lines(report: Report) -> Iterator[str]:
     """A report: the verdict, of what it holds, what is wrong with the way to it, and what was never taken."""
     size = f'{report.configurations} situations, {report.steps} steps, {report.seconds:.1f} s'
     number = len(report.counterexamples)
-    wrong = f'{number} thing{"" if number == 1 else "s"} wrong' if number else 'nothing wrong'
+    wrong = f'{counted(number, "thing")} wrong' if number else 'nothing wrong'
     if report.is_complete:
         yield f'{report.name}: {wrong} ({size})'
         yield f'  followed to the end: {report.bounds}'
@@ -84,5 +85,5 @@ def _counterexample_lines(found: Counterexample) -> Iterator[str]:
         yield f'    remedy: {_REMEDIES[kind]}'
     if not found.moves:
         return  # what never happens, or is so from the beginning: there is no way to show
-    yield f'    the shortest way to it ({len(found.moves)} step{"" if len(found.moves) == 1 else "s"}):'
+    yield f'    the shortest way to it ({counted(len(found.moves), "step")}):'
     yield from (f'      {line}' for line in found.lines)

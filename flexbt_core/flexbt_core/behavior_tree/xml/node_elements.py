@@ -31,7 +31,7 @@ from flexbt_core.behavior_tree.model import (
     tree_name_problem,
 )
 from flexbt_core.behavior_tree.script import CONDITION, SCRIPT
-from flexbt_core.values import similar_names
+from flexbt_core.values import counted, similar_names
 
 from .parser import Element, value_offset
 
@@ -302,4 +302,4 @@ def _origin(manifest: NodeManifest) -> str:
 
 
 def _children(count: int) -> str:
-    return f'{count} child' if count == 1 else f'{count} children'
+    return counted(count, 'child', 'children')

@@ -7,6 +7,7 @@ import math
 from typing import Any, Final
 
 from flexbt_core.planning import Coverage, Outcome, Plan, TeamPlan
+from flexbt_core.values import counted
 
 _MOST_WAYS: Final = 5
 
@@ -21,7 +22,7 @@ def plan_summary(found: Plan | TeamPlan) -> list[str]:
     coverage = found.coverage
     shown = _team(found) if isinstance(found, TeamPlan) else _robot(found)
     tried = f'tried in {coverage.states} states ({"all" if coverage.complete else "not all"} that may come with'
-    times = f'{coverage.disturbed} disturbance{"" if coverage.disturbed == 1 else "s"}'
+    times = counted(coverage.disturbed, 'disturbance')
     if isinstance(found, TeamPlan):
         times += ', a lost robot among them' if coverage.disturbed and len(found.team.robots) > 1 else ''
         times += ', whichever action ends first'
