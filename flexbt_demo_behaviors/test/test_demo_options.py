@@ -20,11 +20,13 @@ def test_in_a_terminal_a_person_gets_the_first_demonstration_in_real_time() -> N
 
 
 def test_the_environment_chooses_and_the_command_line_has_the_last_word() -> None:
-    environment = {'DEMO': '2', 'SPEED': '3.5'}
+    environment = {'DEMO': '2', 'SPEED': '3.5', 'OUTPUT': '/elsewhere'}
     assert parse_options([], environment, terminal=False).demos == (2,)
     assert parse_options([], environment, terminal=False).speed == 3.5
     assert parse_options(['--demo', '1', '--speed', '2'], environment, terminal=False).demos == (1,)
-    assert parse_options([], {'DEMO': '', 'SPEED': ''}, terminal=False).demos == (1, 2)
+    assert parse_options([], environment, terminal=False).output == Path('/elsewhere')
+    nothing = parse_options([], {'DEMO': '', 'SPEED': '', 'OUTPUT': ''}, terminal=False)
+    assert (nothing.demos, nothing.output) == ((1, 2), Path('out'))
 
 
 @pytest.mark.parametrize(

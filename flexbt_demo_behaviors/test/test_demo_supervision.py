@@ -12,7 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration import EndedProcess, ProcessGroup, process_group, run_demonstration
+from flexbt_demo_behaviors.demonstration import (
+    DemoError,
+    EndedProcess,
+    ProcessGroup,
+    process_group,
+    run_demonstration,
+)
 
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
@@ -53,6 +59,12 @@ def test_every_process_is_ended_soon_also_one_that_ignores_the_signal(tmp_path: 
         assert time.monotonic() - before < 20.0  # they would last for ever; a busy machine takes its time
     assert not any(is_running(pid) for pid in pids)
     assert ended == []
+
+
+def test_logs_that_cannot_be_written_are_told_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / 'out').touch()
+    with pytest.raises(DemoError, match=r'out/logs: Not a directory; name another directory: make demo OUTPUT=DIR'):
+        ProcessGroup(tmp_path / 'out' / 'logs').__enter__()
 
 
 def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:

@@ -17,13 +17,14 @@ DEFAULT_SCRIPT_SPEED = 10.0
 EPILOG = """\
 Without a terminal, or with --script, a scripted operator drives the demonstrations (both, unless one is
 chosen); the exit code is 0 only when the robot was at its goals and every branch was taken, and a summary
-picture of each is written. The environment variables DEMO and SPEED stand for --demo and --speed.
+picture of each is written. The environment variables DEMO, SPEED and OUTPUT stand for --demo, --speed and --output.
 """
 
 
 SCRIPT_EPILOG = """\
 Without a terminal, or with --script, a scripted operator takes every branch; the exit code is 0 only when nothing
-was otherwise than expected, and a picture is written. The environment variable SPEED stands for --speed.
+was otherwise than expected, and a picture is written. The environment variables SPEED and OUTPUT stand for --speed
+and --output.
 """
 
 
@@ -91,7 +92,8 @@ def _add_run_options(parser: argparse.ArgumentParser, environment: Mapping[str, 
         default=environment.get('SPEED', ''),
         help='seconds of simulated time in one second; default 1, with the scripted operator 10',
     )
-    parser.add_argument('--output', type=Path, default=Path('out'), help='directory of pictures and logs; default: out')
+    output = Path(environment.get('OUTPUT') or 'out')
+    parser.add_argument('--output', type=Path, default=output, help='directory of pictures and logs; default: out')
     parser.add_argument('--script', action='store_true', help='let the scripted operator act, also in a terminal')
 
 

@@ -8,12 +8,15 @@ import ctypes
 import os
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+
+from .report import DemoError
 
 # After this many seconds a process that was told to end is killed; every node of ours ends well before.
 END_TIMEOUT_S = 1.7
@@ -64,8 +67,13 @@ class ProcessGroup:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __enter__(self) -> ProcessGroup:
-        """Make the place for the logs."""
-        self.log_directory.mkdir(parents=True, exist_ok=True)
+        """Make the place for the logs. Raises DemoError when nothing can be written there."""
+        try:
+            self.log_directory.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=self.log_directory).close()
+        except OSError as error:
+            remedy = 'name another directory: make demo OUTPUT=DIR, or --output DIR'
+            raise DemoError(f'{self.log_directory}: {error.strerror}; {remedy}') from error
         return self
 
     def __exit__(
