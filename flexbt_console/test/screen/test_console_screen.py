@@ -335,6 +335,52 @@ def test_keys_give_the_commands_of_the_registry() -> None:
     on_screen(robot, steps)
 
 
+def test_of_several_active_states_the_one_that_a_key_is_for_is_chosen() -> None:
+    robot = Robot()
+    both = StateStructure('/Both', StateKind.CONCURRENCY, 'Concurrency', ('Drive', 'Look'), ('done',))
+    inner = [StateStructure(f'/Both/{name}', StateKind.STATE, 'Wait', (), ('done',)) for name in both.children]
+    robot.mirror.receive_structure(Structure('r1', 'Patrol', (*STRUCTURE.states, both, *inner)))
+    robot.show(active_states=tuple(ActiveState(one.path, 1.0) for one in inner), locked=('/Both',))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('b')
+        assert robot.link.sent == []
+        await pilot.pause()
+        assert '> breakpoint /Both/Drive' in text_of(app)
+        await pilot.press('down', 'enter', *('r', 'enter'), *('l', 'end', 'enter'), *('l', 'escape'))
+        await pilot.pause()
+        assert [(one.kind, one.path) for one in robot.link.sent] == [
+            (CommandKind.BREAKPOINT, '/Both/Look'),
+            (CommandKind.REPEAT, '/Both/Drive'),
+            (CommandKind.UNLOCK, '/Both'),
+        ]
+
+    on_screen(robot, steps)
+
+
+def test_of_many_answers_each_can_be_picked_and_what_enter_sends_is_seen() -> None:
+    robot = Robot()
+    many = tuple(f'{"部屋" * 20} {number}' for number in range(1, 61))
+    robot.show(dataclasses.replace(PLAN, outcome=many[49], outcomes=many, prompt='x' * 900), PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        shown = text_of(app)
+        assert '[50 部屋' in shown and re.search(r'\+\d+ more: 0', shown) and '(+1 more)' in shown
+        await pilot.press('0', *('down',) * 39, 'enter')
+        await pilot.pause()
+        app.draw()
+        await pilot.pause()
+        assert '[40 部屋' in text_of(app) and '[50' not in text_of(app) and robot.link.sent == []
+        await pilot.press('0', 'down')
+        robot.show(OTHER)  # while the list of the one before is open
+        await seen(robot, pilot)
+        await pilot.press('enter')
+        await seen(robot, pilot)
+        assert 'the decision changed' in text_of(app) and '[2 failed*' in text_of(app) and robot.link.sent == []
+
+    on_screen(robot, steps, (80, 24))
+
+
 def test_a_state_is_forced_in_two_steps() -> None:
     robot = Robot()
 
@@ -513,7 +559,7 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.screen.app.line_for', fail)
+            patch.setattr('flexbt_console.ui.screen.app.lines_for', fail)
             await pilot.press('p')
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)

@@ -2,10 +2,11 @@
 """What the prompt and the screen share: what a typed line means, and the decision that it answers."""
 
 from .attention import Attention
-from .short_form import Bound, Local, Meaning, NoLiveLinkError, choose, interpret
+from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
 
 __all__ = [
+    'CHANGED',
     'REACTION_SECONDS',
     'Attention',
     'Bound',

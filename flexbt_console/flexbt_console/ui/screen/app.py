@@ -26,20 +26,20 @@ from textual.widgets import Input
 
 from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, Fleet, Mirror, RobotOverview, View
+from flexbt_console.mirror import Behavior, Command, CommandState, Decision, Fleet, Mirror, RobotOverview, View
 from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import (
     Line,
     Tone,
     command_result_lines,
 )
-from flexbt_console.ui.interaction import Attention, Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.interaction import CHANGED, Attention, Bound, Local, Meaning, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
-from .decision_bar import ROWS, Picking, decision_lines
+from .decision_bar import ROWS, Picking, choice_texts, decision_lines
 from .dialogs import ChoiceList, Reading, StartForm
-from .keys import KEYS, Key, help_lines, line_for
+from .keys import KEYS, Key, help_lines, lines_for
 from .machine_lines import machine_lines, outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
@@ -154,7 +154,7 @@ class OperatorScreen(App[None]):
                     for name in key.keys
                     if name != 'f8'
                 ),
-                *((str(number), f'pick({number})') for number in range(1, 10)),
+                *((str(number), f'pick({number})') for number in range(10)),
                 *((key, f'replay("{move}")') for key, move in MOVES.items()),
                 *((key, f'cursor("{key}")') for key in (*CURSOR_STEPS, *CURSOR_TURNS)),
                 ('escape', 'leave_mode'),
@@ -373,7 +373,11 @@ class OperatorScreen(App[None]):
         if own is not None:
             own(key, view)
         else:
-            self.do(line_for(action, view, self._make.operator))
+            written = lines_for(action, view, self._make.operator)
+            if len(written) == 1:
+                self.do(written[0])
+            else:
+                self._choose(key.help, written, written)
 
     @_guarded
     def action_replay(self, move: str) -> None:
@@ -396,11 +400,26 @@ class OperatorScreen(App[None]):
     @_guarded
     def action_pick(self, number: int) -> None:
         """A number was pressed."""
+        view = self._mirror.view()
+        if number == 0 and view.decision is not None and view.decision.choices:
+            self._list_answers(view.decision, view)
+            return
         try:
-            self._picking.pick(number, self._mirror.view())
+            self._picking.pick(number, view)
         except ConsoleError as error:
             self._warn(str(error))
         self.draw()
+
+    def _list_answers(self, decision: Decision, view: View) -> None:
+        def chosen(number: int | None) -> None:
+            now = self._mirror.view().decision
+            if number is not None and now is not None and now.id == decision.id:
+                self.action_pick(number + 1)
+            elif number is not None:
+                self._warn(CHANGED)
+
+        texts = choice_texts(decision, view.state(decision.path), self._signs)
+        self._opening = self.push_screen(ChoiceList('pick an answer', texts), chosen)
 
     @_guarded
     def action_cursor(self, key: str) -> None:
@@ -570,15 +589,16 @@ class OperatorScreen(App[None]):
             self._warn('the outcomes of the active state are not known yet')
             return
 
-        def forced(number: int | None) -> None:
+        self._choose('leave a state by', shown, [shlex.join(('force', path, outcome)) for path, outcome in choices])
+
+    def _choose(self, title: str, shown: Sequence[str], written: Sequence[str]) -> None:
+        """Have one of the lines chosen, and do it."""
+
+        def chosen(number: int | None) -> None:
             if number is not None:
-                path, outcome = choices[number]
-                self._do_words('force', path, outcome)
+                self.do(written[number])
 
-        self._opening = self.push_screen(ChoiceList('leave a state by', shown), forced)
-
-    def _do_words(self, *words: str) -> None:
-        self.do(shlex.join(words))
+        self._opening = self.push_screen(ChoiceList(title, shown), chosen)
 
     def _do_start(self, key: Key, view: View) -> None:
         usable = [behavior for behavior in view.behaviors or () if not behavior.error]

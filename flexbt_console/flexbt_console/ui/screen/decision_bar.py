@@ -3,20 +3,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, DecisionKind, StateStructure, View
-from flexbt_console.pictures import Glyphs, acting_lines, cut, fold
+from flexbt_console.pictures import Glyphs, acting_lines, cut, fold, width
 from flexbt_console.present import Line, Tone, age_text, decision_line, reason_lines, tone_of
 from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
 
+from .machine_lines import leads_text
+
 ROWS: Final = 4
 """Rows of the bar: it stays at its place, also while nothing waits."""
+
+CHOICE_ROWS: Final = 2
+"""Of them, for what may be answered."""
+
+LEAST_CELLS: Final = 7
+"""Cells of a choice of one letter, with the gap behind it."""
+
+NARROWEST: Final = 16
+"""Cells that a choice has at least where there is no room for all of its text."""
 
 
 @dataclass(frozen=True)
@@ -94,46 +106,74 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
             acting = [*acting[: room - 1], f'  +{len(acting) - room + 1} more']
         folded = [row for line in acting for row in fold(line, columns, room // len(acting))]
         return [Line('nothing waits for you', Tone.DIM), *folded]
-    others = f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
-    waited = age_text(max(0.0, snapshot.stamp - decision.since)) if decision.since else ''
-    head = f'{signs.waits} {decision_line(decision, snapshot)}  {waited}{others}'
+    tail = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
+    tail += f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
+    head = f'{signs.waits} {decision_line(decision, snapshot)}'
     reasons = [f'  because {line}' for line in reason_lines(decision, view)[:1]]
-    choices = _choice_rows(decision, view.state(decision.path), picked, columns, signs)
+    texts = choice_texts(decision, view.state(decision.path), signs)
+    choices = _choice_rows(decision, texts, picked, columns)
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
     room = ROWS - len(told)
-    lines: list[str] = [Line(text, Tone.DECISION) for text in fold(head, columns, max(1, min(2, room)))]
+    heads = fold(head, columns, most := max(1, min(2, room)))
+    if width(heads[-1]) + width(tail) > columns and len(heads) < most:
+        heads.append(' ')
+    heads[-1] = cut(heads[-1], columns - width(tail)) + tail  # also of a head that is cut
+    lines: list[str] = [Line(text, Tone.DECISION) for text in heads]
     for reason in reasons:
         if len(lines) < room:
             lines += [Line(text, tone_of(reason)) for text in fold(reason, columns, room - len(lines))]
     return [*lines, *told][:ROWS]
 
 
-def _choice_rows(
-    decision: Decision, state: StateStructure | None, picked: str, columns: int, signs: Glyphs
-) -> list[str]:
-    """The choices with what they lead to, side by side; the picked one in brackets, what is wanted with a star."""
-    cells = []
+def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs) -> list[str]:
+    """Each choice with its number and what it leads to; what is wanted has a star."""
+    texts = []
     for number, choice in enumerate(decision.choices, 1):
-        target = ''
-        if state is not None and choice in state.outcomes:
-            place = state.outcomes.index(choice)
-            target = state.targets[place] if place < len(state.targets) else ''
-        leads = f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
-        wanted = '*' if choice == decision.outcome else ''
-        text = f'{number} {one_line(choice)}{wanted}{leads}'
-        cells.append(f'[{text}]' if choice == picked else f' {text} ')
+        leads = leads_text(state, state.outcomes.index(choice), signs) if state and choice in state.outcomes else ''
+        texts.append(f'{number} {one_line(choice)}{"*" if choice == decision.outcome else ""}{leads}')
+    return texts
+
+
+def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns: int) -> list[str]:
+    """The choices side by side; the picked one in brackets.
+
+    Where there is no room for all, each is cut; what is still left out, the picked one never, is counted.
+    """
+    kept = decision.choices.index(picked) if picked in decision.choices else 0
+    shown = [*range(min(len(texts), CHOICE_ROWS * columns // LEAST_CELLS))]
+    if texts and kept not in shown:
+        shown.append(kept)
+    longest = columns
+    while True:
+        cells = [_cell(texts[one], longest, is_picked=decision.choices[one] == picked) for one in shown]
+        if len(shown) < len(texts):
+            cells.append(f' +{len(texts) - len(shown)} more: 0 ')
+        rows = _side_by_side(cells, columns)
+        if len(rows) <= CHOICE_ROWS or len(shown) == 1:
+            return [Line(row, Tone.DECISION) for row in rows[:CHOICE_ROWS]]
+        if longest == columns:
+            longest = max(NARROWEST, columns // -(-len(texts) // CHOICE_ROWS) - 2)
+        else:
+            del shown[-2 if shown[-1] == kept else -1]
+
+
+def _cell(text: str, columns: int, *, is_picked: bool) -> str:
+    return f'[{cut(text, columns - 2)}]' if is_picked else f' {cut(text, columns - 2)} '
+
+
+def _side_by_side(cells: Sequence[str], columns: int) -> list[str]:
     rows: list[str] = []
     for cell in cells:
-        if rows and len(rows[-1]) + len(cell) + 2 <= columns:
+        if rows and width(rows[-1]) + width(cell) + 2 <= columns:
             rows[-1] += f'  {cell}'
         else:
             rows.append(cut(cell, columns))
-    return [Line(row, Tone.DECISION) for row in rows[:2]]
+    return rows
 
 
 def _how_to_answer(decision: Decision, *, is_pointing: bool) -> str:
     if is_pointing:
         return '  on the map: arrows move, < > turn; Enter answers, Esc leaves'
     if decision.wants_pose:
-        return '  "g" points at it on the map; ":" types a place, or x y yaw'
-    return '  ":" types the value: input VALUE'
+        return '  "g" points at it on the map; ":" types a place, or x y yaw; "d" declines'
+    return '  ":" types the value: input VALUE; "d" declines'

@@ -7,7 +7,7 @@ No key depends on which pane has the focus. A key whose command cannot work now 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,7 +19,7 @@ Possible = Callable[[View], str]
 
 @dataclass(frozen=True)
 class Key:
-    """A key, or several; ``action`` is what the screen does, or what :func:`line_for` knows as a line.
+    """A key, or several; ``action`` is what the screen does, or what :func:`lines_for` knows as lines.
 
     ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only.
     """
@@ -64,7 +64,7 @@ def _is_active(view: View) -> str:
 
 _OF_DECISION: Final = (
     Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
-    Key(tuple('123456789'), '1-9', 'pick', 'pick an answer of the decision; Enter sends it', 'pick', _has_choices),
+    Key(tuple('0123456789'), '0-9', 'pick', 'pick an answer, by 0 from a list; Enter sends it', 'pick', _has_choices),
     Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
     Key(('d',), 'd', 'decline', 'decline to give the value that is asked for', 'decline', _wants_value, rank=3),
 )
@@ -96,26 +96,33 @@ _OF_SCREEN: Final = (
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
 
-def line_for(action: str, view: View, operator: str | None) -> str:
-    """The line that a key of this operator stands for, as it would be typed; '' for what is no line."""
+def lines_for(action: str, view: View, operator: str | None) -> list[str]:
+    """What a key of this operator stands for, as it would be typed: one line, or several of which one is meant.
+
+    Of several states that are active, any can be meant; a lock is also for the containers around them.
+    """
     snapshot = view.snapshot
-    path = view.active_paths[0] if view.active_paths else ''
     if action == 'pause':
         stands = snapshot is not None and snapshot.state in (ExecutiveState.PAUSED, ExecutiveState.INTERRUPTED)
-        return 'resume' if stands else 'pause'
+        return ['resume' if stands else 'pause']
     if action in ('more_autonomy', 'less_autonomy'):
         level = (snapshot.autonomy if snapshot else AutonomyLevel.LOW) + (1 if action == 'more_autonomy' else -1)
-        return f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}'
+        return [f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}']
     if action == 'lock':
-        return f'{"unlock" if snapshot and path in snapshot.locked else "lock"} {shlex.quote(path)}'
+        paths = sorted(view.active_levels[1:] or view.active_levels, key=lambda path: path.count('/'), reverse=True)
+        return _at_each(paths, 'lock', 'unlock', snapshot.locked if snapshot else ())
     if action == 'breakpoint':
-        return f'{"clear" if snapshot and path in snapshot.breakpoints else "breakpoint"} {shlex.quote(path)}'
+        return _at_each(view.active_paths, 'breakpoint', 'clear', snapshot.breakpoints if snapshot else ())
     if action == 'repeat':
-        return f'repeat {shlex.quote(path)}'
+        return _at_each(view.active_paths, 'repeat', 'repeat', ())
     if action == 'claim':
         has_claimed = snapshot is not None and operator in (snapshot.authority, *snapshot.authority_requests)
-        return 'release' if has_claimed else 'claim'
-    return {'stop': 'stop', 'decline': 'decline', 'userdata': 'userdata'}.get(action, '')
+        return ['release' if has_claimed else 'claim']
+    return [action]
+
+
+def _at_each(paths: Iterable[str], verb: str, undo: str, done: Container[str]) -> list[str]:
+    return [f'{undo if path in done else verb} {shlex.quote(path)}' for path in paths]
 
 
 def help_lines() -> list[str]:

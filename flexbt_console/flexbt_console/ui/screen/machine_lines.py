@@ -44,13 +44,17 @@ def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
     """Each outcome with what it leads to, and the level of autonomy that it requires."""
     texts = []
     for number, outcome in enumerate(state.outcomes):
-        target = state.targets[number] if number < len(state.targets) else ''
         level = state.autonomy[number] if number < len(state.autonomy) else -1
-        leads = f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
         above = 'always you' if level >= AutonomyLevel.FULL else f'above {autonomy_text(level)}'
         needs = f'  ({above})' if level >= 0 else ''
-        texts.append(f'{one_line(outcome)}{leads}{needs}')
+        texts.append(f'{one_line(outcome)}{leads_text(state, number, signs)}{needs}')
     return texts
+
+
+def leads_text(state: StateStructure, number: int, signs: Glyphs) -> str:
+    """What an outcome leads to, by its number from 0 on; '' where that is not known."""
+    target = state.targets[number] if number < len(state.targets) else ''
+    return f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
 
 
 def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> list[str]:
