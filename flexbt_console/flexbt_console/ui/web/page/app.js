@@ -30,6 +30,7 @@ const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decis
 const map = new RobotMap(byId('map'), byId('map-keys'), {
   pose: (x, y, yaw) => { if (bar.shown?.wants_pose) bar.answer([x, y, yaw].map((one) => one.toFixed(3)).join(' '), mapDecision); },
   obstacle: (x, y) => send({obstacle: [x, y]}),
+  cursor: (text) => { byId('map-cursor').textContent = text; },
 });
 let mapDecision = null;
 let dropping = false;
@@ -65,7 +66,7 @@ function choose() {
   const mode = dropping ? 'obstacle' : wants ? 'pose' : '';
   if (mode === 'pose' && mapDecision !== bar.id) {
     mapDecision = bar.id;
-    map.cursor = null;
+    map.point(null);
   }
   map.setMode(mode);
   byId('drop').setAttribute('aria-pressed', String(dropping));
@@ -142,13 +143,21 @@ function drawHead() {
   byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
   byId('stop').disabled = !server.open;
   for (const [id, allowed, why] of [['pause', live && running, 'no behavior runs'], ['start', live, ''], ['force', live && running, 'no state is active'],
-    ['repeat', live && running, 'no state is active'], ['note', live, ''], ['autonomy', live, '']]) {
+    ...['repeat', 'lock', 'breakpoint'].map((name) => [name, live && running, 'no state is active']),
+    ['note', live, ''], ['autonomy', live, '']]) {
     byId(id).disabled = !allowed;
     byId(id).title = allowed ? '' : live ? why : 'the picture is not live';
   }
   if (status && document.activeElement !== byId('autonomy')) byId('autonomy').value = String(status.autonomy);
-  const names = known.active.states.map((state) => `▶ ${state.path}${state.paused ? ' (paused)' : ''}${state.activity.length ? `: ${state.activity.join('; ')}` : ''}`);
-  const text = running ? names.join('\n') || 'between states' : '';
+  const marks = [['locked', status?.locked ?? []], ['breakpoint', status?.breakpoints ?? []]];
+  const names = known.active.states.map((state) => `▶ ${state.path}${state.paused ? ' (paused)' : ''}${
+    marks.map(([mark, paths]) => paths.includes(state.path) ? ` (${mark})` : '').join('')}${state.activity.length ? `: ${state.activity.join('; ')}` : ''}`);
+  if (!names.length) names.push('between states');
+  for (const [mark, paths] of marks) {
+    const others = paths.filter((path) => !known.active.states.some((state) => state.path === path));
+    if (others.length) names.push(`${mark}: ${others.join(', ')}`);
+  }
+  const text = running ? names.join('\n') : '';
   if (byId('active').textContent !== text) byId('active').textContent = text;
   document.title = `${known.decisions.length ? '? ' : ''}${live ? '' : 'BLIND '}${known.robot ?? ''} FlexBT`;
 }
@@ -168,14 +177,28 @@ function drawRobots() {
     address.searchParams.set('robot', known.robot);
     history.replaceState(null, '', address);
   }
-  const focused = document.activeElement?.dataset.robot;
-  byId('robots').replaceChildren(...known.robots.map((robot) => {
-    const button = element('button', {type: 'button', 'data-robot': robot.name, 'aria-pressed': String(robot.name === known.robot)},
-      `${{alarm: '! ', decision: '? '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`);
-    button.addEventListener('click', () => goTo(robot.name));
-    return element('li', {}, button);
-  }));
-  if (focused) document.querySelector(`[data-robot="${CSS.escape(focused)}"]`)?.focus();
+  // A line stays what it is while it is clicked; the focus stays at its robot when the order changes.
+  const list = byId('robots');
+  const lines = new Map([...list.children].map((line) => [line.firstElementChild.dataset.robot, line]));
+  const shown = known.robots.map((robot) => {
+    const line = lines.get(robot.name) ?? robotLine(robot.name);
+    const button = line.firstElementChild;
+    const text = `${{alarm: '! ', decision: '? '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`;
+    if (button.textContent !== text) button.textContent = text;
+    button.setAttribute('aria-pressed', String(robot.name === known.robot));
+    return line;
+  });
+  if (shown.length !== list.children.length || shown.some((line, index) => list.children[index] !== line)) {
+    const focused = list.contains(document.activeElement) && document.activeElement;
+    list.replaceChildren(...shown);
+    if (focused) focused.focus();
+  }
+}
+
+function robotLine(name) {
+  const button = element('button', {type: 'button', 'data-robot': name});
+  button.addEventListener('click', () => goTo(name));
+  return element('li', {}, button);
 }
 
 function drawObstacles() {

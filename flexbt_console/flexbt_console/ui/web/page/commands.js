@@ -20,7 +20,7 @@ export class Commands {
     byId('autonomy').addEventListener('change', (event) => this.do(`autonomy ${event.target.value}`));
     byId('start').addEventListener('click', () => this.start());
     byId('force').addEventListener('click', () => this.force());
-    byId('repeat').addEventListener('click', () => this.repeat());
+    for (const name of ['repeat', 'lock', 'breakpoint']) byId(name).addEventListener('click', () => this[name]());
     byId('note').addEventListener('click', () => this.type('note '));
     byId('help').addEventListener('click', () => this.help());
     byId('line-form').addEventListener('submit', (event) => { event.preventDefault(); this.submit(); });
@@ -39,24 +39,43 @@ export class Commands {
     this.do(state === 'paused' || state === 'interrupted' ? 'resume' : 'pause');
   }
 
-  repeat() {
-    const state = this.now().active.states[0];
-    if (state) this.do(`repeat ${word(state.path)}`);
-    else this.tell('no state is active', 'warning');
+  repeat() { this.atState('enter a state again', this.now().active.states.map((state) => state.path), 'repeat', 'repeat', []); }
+
+  breakpoint() {
+    const {active, status} = this.now();
+    this.atState('breakpoint at a state', active.states.map((state) => state.path), 'breakpoint', 'clear', status?.breakpoints ?? []);
+  }
+
+  // A container, too, the innermost first.
+  lock() {
+    const {active, status} = this.now();
+    const depth = (path) => path.split('/').length;
+    this.atState('keep a state from being left', active.paths.filter((path) => path !== '/').sort((one, other) => depth(other) - depth(one)),
+      'lock', 'unlock', status?.locked ?? []);
+  }
+
+  // Of several states that can be meant, one is chosen.
+  atState(title, paths, verb, undo, done) {
+    const lines = paths.map((path) => `${done.includes(path) ? undo : verb} ${word(path)}`);
+    if (!lines.length) this.tell('no state is active', 'warning');
+    else if (lines.length === 1) this.do(lines[0]);
+    else this.read(title, this.list(lines.map((line) => [line, line])));
   }
 
   force() {
-    const {active} = this.now();
+    const rows = this.now().active.states.flatMap((state) =>
+      state.outcomes.map((outcome) => [`leave ${state.path} by ${outcome}`, `force ${word(state.path)} ${word(outcome)}`]));
+    this.read('leave an active state', rows.length ? this.list(rows) : 'the outcomes of the active state are not known yet');
+  }
+
+  // Buttons of texts, with the line that each gives; it belongs to the decision that is on the page now.
+  list(rows) {
     const decision = this.bar.id;
-    const list = element('ul', {});
-    for (const state of active.states) {
-      for (const outcome of state.outcomes) {
-        const button = element('button', {type: 'button'}, `leave ${state.path} by ${outcome}`);
-        button.addEventListener('click', () => { byId('dialog').close(); this.do(`force ${word(state.path)} ${word(outcome)}`, decision); });
-        list.append(element('li', {}, button));
-      }
-    }
-    this.read('leave an active state', list.childElementCount ? list : 'the outcomes of the active state are not known yet');
+    return element('ul', {}, ...rows.map(([text, line]) => {
+      const button = element('button', {type: 'button'}, text);
+      button.addEventListener('click', () => { byId('dialog').close(); this.do(line, decision); });
+      return element('li', {}, button);
+    }));
   }
 
   start() {
@@ -91,9 +110,13 @@ export class Commands {
   }
 
   help() {
-    const rows = this.specs.map((spec) => element('li', {}, element('code', {}, spec.usage), ` ${spec.summary}`));
+    const rows = this.specs.map((spec) => {
+      const button = element('button', {type: 'button'}, element('code', {}, spec.usage));
+      button.addEventListener('click', () => { byId('dialog').close(); this.type(`${spec.name} `); });
+      return element('li', {}, button, ` ${spec.summary}`);
+    });
     const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, g to the map, s start, f force, r repeat, ' +
-      'n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
+      'l lock, b breakpoint, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), element('ul', {}, ...rows)));
   }
 
@@ -147,6 +170,7 @@ export class Commands {
     if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     const actions = {
       '!': () => this.do('stop'), p: () => this.pause(), f: () => this.force(), s: () => this.start(), r: () => this.repeat(),
+      l: () => this.lock(), b: () => this.breakpoint(),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
       Enter: onButton ? null : () => this.bar.confirm(),
     };

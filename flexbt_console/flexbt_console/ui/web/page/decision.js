@@ -75,7 +75,7 @@ export class DecisionBar {
         decline.addEventListener('click', () => this.ask({do: 'decline', decision: decision.id}));
         choices.append(form, decline);
       }
-      choices.append(element('span', {class: 'waited hint'}));
+      choices.append(element('span', {class: 'waited hint', role: 'timer'}));
       rows.push(choices);
     }
     const focused = this.body.contains(document.activeElement);

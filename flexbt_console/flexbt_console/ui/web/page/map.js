@@ -7,7 +7,7 @@ const TRACE_STEP = 0.05;
 const MOST_TRACE = 4000;
 
 export class RobotMap {
-  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at
+  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is
   constructor(canvas, hint, on) {
     Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
     this.mode = '';          // '', 'pose' or 'obstacle'
@@ -45,10 +45,18 @@ export class RobotMap {
   setMode(mode) {
     if (this.mode === mode) return;
     this.mode = mode;
-    this.cursor = null;
+    this.canvas.setAttribute('role', mode ? 'application' : 'img');  // with keys of its own, or a picture
     const to = {pose: 'answer', obstacle: 'drop it there'}[mode];
     this.hint.textContent = mode ? `Click${mode === 'pose' ? ', and drag for the heading' : ''}; or with the map in focus: arrows move the cursor${
-      mode === 'pose' ? ', < and > turn it' : ''}, Enter: ${to}.` : '';
+      mode === 'pose' ? ', < and > turn it' : ''}, Enter: ${to}, Esc leaves.` : '';
+    this.point(null);
+  }
+
+  // Put the cursor there, or take it away. Where it is, is also told as text.
+  point(cursor) {
+    this.cursor = cursor;
+    const yaw = cursor && this.mode === 'pose' ? ` yaw ${Math.atan2(Math.sin(cursor.yaw), Math.cos(cursor.yaw)).toFixed(2)}` : '';
+    this.on.cursor(cursor ? `cursor x ${cursor.x.toFixed(2)} y ${cursor.y.toFixed(2)}${yaw}` : '');
     this.redraw();
   }
 
@@ -208,17 +216,15 @@ export class RobotMap {
   press(event) {
     if (!this.mode || !this.view) return;
     const [x, y] = this.world(event);
-    this.cursor = {x, y, yaw: this.pose ? Math.atan2(y - this.pose.y, x - this.pose.x) : 0};
+    this.point({x, y, yaw: this.pose ? Math.atan2(y - this.pose.y, x - this.pose.x) : 0});
     this.pressed = true;
     this.canvas.setPointerCapture(event.pointerId);
-    this.redraw();
   }
 
   drag(event) {
     if (!this.pressed || this.mode !== 'pose' || !this.cursor) return;
-    const [x, y] = this.world(event);
-    if (Math.hypot(x - this.cursor.x, y - this.cursor.y) * this.view.scale > 10) this.cursor.yaw = Math.atan2(y - this.cursor.y, x - this.cursor.x);
-    this.redraw();
+    const [x, y] = this.world(event), from = this.cursor;
+    if (Math.hypot(x - from.x, y - from.y) * this.view.scale > 10) this.point({...from, yaw: Math.atan2(y - from.y, x - from.x)});
   }
 
   release() {
@@ -229,18 +235,17 @@ export class RobotMap {
 
   key(event) {
     if (!this.mode || event.ctrlKey || event.altKey || event.metaKey) return;
-    this.cursor ??= {x: this.pose?.x ?? 0, y: this.pose?.y ?? 0, yaw: this.pose?.yaw ?? 0};
     const step = STEP_PX / (this.view?.scale || 40);
-    const moves = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]};
-    if (moves[event.key]) {
-      this.cursor.x += moves[event.key][0];
-      this.cursor.y += moves[event.key][1];
-    } else if (event.key === '<' || event.key === '>') this.cursor.yaw += event.key === '<' ? TURN : -TURN;
-    else if (event.key === 'Enter') this.send();
-    else return;
+    const move = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]}[event.key] ?? [0, 0];
+    const turn = {'<': TURN, '>': -TURN}[event.key] ?? 0;
+    if (event.key === 'Enter' && this.cursor) this.send();
+    else if (event.key === 'Escape') this.point(null);
+    else if (move[0] || move[1] || turn || event.key === 'Enter') {  // Enter sends no cursor that was not there to be seen
+      const {x, y, yaw} = this.cursor ?? this.pose ?? {x: 0, y: 0, yaw: 0};
+      this.point({x: x + move[0], y: y + move[1], yaw: yaw + turn});
+    } else return;
     event.preventDefault();
     event.stopPropagation();
-    this.redraw();
   }
 
   send() {
@@ -248,7 +253,6 @@ export class RobotMap {
     const {x, y, yaw} = this.cursor;
     if (this.mode === 'pose') this.on.pose(x, y, yaw);
     else if (this.mode === 'obstacle') this.on.obstacle(x, y);
-    this.cursor = null;
-    this.redraw();
+    this.point(null);
   }
 }
