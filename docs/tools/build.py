@@ -2,13 +2,12 @@
 """Writes the generated pages and builds the documentation into out/docs.
 
 Sphinx and what it needs are installed beside the workspace's packages.
-
-Usage: build.py [SPHINX OPTION ...]     in a shell with the environment of the workspace (`make docs`)
-       build.py --tool FILE [ARGUMENT ...]     runs a program of this directory that needs these packages
+In a shell with the environment of the workspace (`make docs`); other options are Sphinx's.
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import os
 import shutil
@@ -50,16 +49,22 @@ def install() -> None:
 
 
 def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    what = 'only run a program of this directory that needs these packages, with these arguments'
+    parser.add_argument('--tool', nargs=argparse.REMAINDER, metavar='FILE', help=what)
+    arguments, options = parser.parse_known_args()
+    if arguments.tool == []:
+        parser.error('--tool needs the name of a program')
     install()
     search = os.pathsep.join(filter(None, [str(PACKAGES), os.environ.get('PYTHONPATH')]))
     environment = os.environ | {'PYTHONPATH': search}
-    if sys.argv[1:2] == ['--tool']:
-        tool = [sys.executable, DOCS / 'tools' / sys.argv[2], *sys.argv[3:]]
+    if arguments.tool:
+        tool = [sys.executable, DOCS / 'tools' / arguments.tool[0], *arguments.tool[1:]]
         return subprocess.run(tool, env=environment, check=False).returncode
     for name in GENERATED:
         subprocess.run([sys.executable, DOCS / 'tools' / name], check=True)
     sphinx = [sys.executable, '-m', 'sphinx', '--fail-on-warning', '--jobs', 'auto', '--quiet']
-    command = [*sphinx, '--doctree-dir', OUTPUT / 'doctrees', *sys.argv[1:], DOCS, OUTPUT / 'html']
+    command = [*sphinx, '--doctree-dir', OUTPUT / 'doctrees', *options, DOCS, OUTPUT / 'html']
     code = subprocess.run(command, env=environment, check=False).returncode
     if code == 0:
         print(f'the documentation is {OUTPUT / "html" / "index.html"}')

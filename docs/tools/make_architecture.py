@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes docs/explanation/architecture.md: packages and rooms, from the import contracts and the front doors.
 
-Usage: make_architecture.py [FILE]     needs nothing of the workspace
+It needs nothing of the workspace.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import ast
 import itertools
 import re
-import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
+
+from target import target
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PAGE: Final = ROOT / 'docs' / 'explanation' / 'architecture.md'
@@ -93,4 +94,4 @@ def page() -> str:
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), encoding='utf-8')
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

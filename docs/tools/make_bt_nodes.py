@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes docs/reference/bt_nodes.md, the reference of the node types, from the declarations of their classes.
 
-Usage: make_bt_nodes.py [FILE]     in a shell with the environment of the workspace
+In a shell with the environment of the workspace.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, Final
+
+from target import target
 
 from flexbt_core.behavior_tree import Example, NodeKind, NodeManifest, PortDirection, node_skill
 from flexbt_core.behavior_tree.model import NO_DEFAULT
@@ -133,11 +134,5 @@ def _entries(entries: Mapping[str, Any]) -> str:
     return ', '.join(f'`{key}` = `{value!r}`' for key, value in entries.items())
 
 
-def main() -> int:
-    file = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
-    file.write_text(page())
-    return 0
-
-
 if __name__ == '__main__':
-    sys.exit(main())
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes the table of commands in docs/explanation/operator_link.md, from the registries of executive and console.
 
-Usage: make_commands.py [FILE]     in a shell with the environment of the workspace
+In a shell with the environment of the workspace.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
+
+from target import target
 
 from flexbt_console.commands import COMMANDS as CONSOLE_COMMANDS
 from flexbt_console.commands import CommandSpec, Send
@@ -45,4 +46,4 @@ def page() -> str:
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), encoding='utf-8')
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

@@ -6,11 +6,11 @@ In a shell with the environment of the workspace.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
+
+from target import target
 
 from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Mode, Send
 from flexbt_console.ui.screen import KEYS
@@ -93,12 +93,5 @@ def _cell(text: str) -> str:
     return text.replace('|', r'\|')
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('file', nargs='?', type=Path, default=PAGE, help='is written instead')
-    parser.parse_args().file.write_text(page(), encoding='utf-8')
-    return 0
-
-
 if __name__ == '__main__':
-    sys.exit(main())
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

@@ -4,7 +4,7 @@
 The second demonstration runs in tmux and serves the page, in which a goal is given and the plan is confirmed. What
 headless Chromium shows when the robot is on its way is the picture.
 
-Usage: python3 docs/tools/make_operator_page.py [DIRECTORY]     (needs tmux, selenium, Chromium and its driver)
+It needs tmux, selenium, Chromium and its driver.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import Any, Final
 
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
+from target import target
 
 IMAGES: Final = Path(__file__).parents[1] / 'images'
 PICTURES: Final = {'light': 'operator_page.png', 'dark': 'operator_page_dark.png'}
@@ -117,4 +117,4 @@ def main(directory: Path) -> None:
 
 
 if __name__ == '__main__':
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else IMAGES)
+    main(target(__doc__, IMAGES))

@@ -4,7 +4,7 @@
 The second demonstration runs in tmux; a goal is given, and the plan is confirmed. What the terminal shows while the
 robot drives is the picture.
 
-Usage: python3 docs/tools/build.py --tool make_operator_screen.py [FILE]     (needs tmux)
+It needs tmux: python3 docs/tools/build.py --tool make_operator_screen.py
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Final
@@ -20,6 +19,7 @@ from typing import Final
 from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 from rich.text import Text
+from target import target
 
 PICTURE: Final = Path(__file__).parents[1] / 'images' / 'operator_screen.svg'
 COLUMNS: Final = 120
@@ -78,4 +78,4 @@ def picture(screen: str) -> str:
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else PICTURE).write_text(picture(operate()), encoding='utf-8')
+    target(__doc__, PICTURE).write_text(picture(operate()), encoding='utf-8')

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes docs/reference/states.md, the reference of the states, from their declarations.
 
-Usage: make_states.py [FILE]     in a shell with the environment of the workspace
+In a shell with the environment of the workspace.
 """
 
 from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final
+
+from target import target
 
 import flexbt_flexbe.states
 import flexbt_states
@@ -145,4 +146,4 @@ def _cell(text: str) -> str:
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), 'utf-8')
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writes docs/reference/world_files.md, the reference of world files, from the declarations of their keys and faults.
 
-Usage: make_world_files.py [FILE]     in a shell with the environment of the workspace
+In a shell with the environment of the workspace.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
+
+from target import target
 
 from flexbt_sim.world import (
     FAULTS,
@@ -211,4 +212,4 @@ def values(specification: Specification, prefix: str = '') -> Iterator[tuple[str
 
 
 if __name__ == '__main__':
-    (Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE).write_text(page(), encoding='utf-8')
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')

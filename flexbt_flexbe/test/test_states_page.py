@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import inspect
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,14 +67,12 @@ def all_states() -> list[Any]:
     return sorted(found, key=lambda state: (str(state.__name__), str(state.__module__)))
 
 
-def generator() -> Any:
-    """The module docs/tools/make_states.py."""
-    spec = importlib.util.spec_from_file_location('make_states', DOCS / 'tools' / 'make_states.py')
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture(scope='module')
+def declaration() -> Iterator[Any]:
+    """What docs/tools/make_states.py reads a docstring with."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(DOCS / 'tools')
+        yield importlib.import_module('make_states').declaration
 
 
 def test_the_page_is_up_to_date(tmp_path: Path) -> None:
@@ -83,8 +82,8 @@ def test_the_page_is_up_to_date(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('state', all_states())
-def test_what_a_state_declares_is_what_it_has(state: Any) -> None:
-    entries = generator().declaration(state).entries
+def test_what_a_state_declares_is_what_it_has(state: Any, declaration: Any) -> None:
+    entries = declaration(state).entries
     parameters = PARAMETERS[state.__name__]
     with building():
         made = state(**parameters)
@@ -100,6 +99,6 @@ def test_what_a_state_declares_is_what_it_has(state: Any) -> None:
 
 
 @pytest.mark.parametrize('state', all_states())
-def test_each_parameter_of_a_state_is_declared(state: Any) -> None:
-    declared = [name for name, _ in generator().declaration(state).entries['parameters']]
+def test_each_parameter_of_a_state_is_declared(state: Any, declaration: Any) -> None:
+    declared = [name for name, _ in declaration(state).entries['parameters']]
     assert declared == list(inspect.signature(state).parameters)

@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Draws the map ``rooms``: a flat of 12 by 9 m with rooms, doors and a narrow passage. Deterministic.
-
-Usage: make_rooms.py [DIRECTORY]
-"""
+"""Draws the map ``rooms``: a flat of 12 by 9 m with rooms, doors and a narrow passage. Deterministic."""
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from PIL import Image, ImageDraw
@@ -47,8 +44,9 @@ WALLS = (
 )
 
 
-def main() -> int:
-    directory = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('directory', nargs='?', type=Path, default=Path(__file__).parent, help='instead of %(default)s')
     size = (round(WIDTH / RESOLUTION), round(HEIGHT / RESOLUTION))
     image = Image.new('L', size, 254)
     draw = ImageDraw.Draw(image)
@@ -56,9 +54,8 @@ def main() -> int:
         left, right = round(x0 / RESOLUTION), round(x1 / RESOLUTION) - 1
         top, bottom = size[1] - round(y1 / RESOLUTION), size[1] - round(y0 / RESOLUTION) - 1
         draw.rectangle((left, top, right, bottom), fill=0)
-    image.save(directory / 'rooms.png', optimize=True)
-    return 0
+    image.save(parser.parse_args().directory / 'rooms.png', optimize=True)
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

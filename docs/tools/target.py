@@ -1,0 +1,15 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The argument of the programs of this directory: where to write."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def target(what: str | None, default: Path) -> Path:
+    """The path on the command line, or ``default``; ``what`` is the text of ``--help``."""
+    parser = argparse.ArgumentParser(description=what, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('path', nargs='?', type=Path, default=default, help='is written instead of %(default)s')
+    path: Path = parser.parse_args().path
+    return path
