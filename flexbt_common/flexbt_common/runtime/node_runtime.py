@@ -129,7 +129,7 @@ class NodeRuntime:
             rclpy.try_shutdown(context=self._context)
             raise
         self.name = self.node.get_name()
-        self.steady = SteadyClock()
+        self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
         self.health = Health(self.steady)
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():

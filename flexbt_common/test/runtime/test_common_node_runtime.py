@@ -157,9 +157,10 @@ def test_faults_of_callbacks_are_reported_and_the_executor_goes_on() -> None:
         runtime.call(setup)
         runtime.post(lambda: raising('posted'))
         runtime.clock.call_at(runtime.clock.now(), lambda: raising('alarm'))
+        runtime.steady.call_at(runtime.steady.now(), lambda: raising('steady'))
         assert arrived.wait(DEADLINE)
         deadline = time.monotonic() + DEADLINE
-        while not {'timer', 'posted', 'alarm', 'message'} <= set(faults):
+        while not {'timer', 'posted', 'alarm', 'steady', 'message'} <= set(faults):
             assert time.monotonic() < deadline, faults
             time.sleep(0.01)
         assert runtime.call(lambda: 'alive') == 'alive'

@@ -90,10 +90,18 @@ class ManualClock:
             callback()
 
 
-class SteadyClock:
-    """The machine's monotonic clock. One daemon thread, started with the first timer, calls back."""
+def _log_fault(error: BaseException) -> None:
+    _logger.error('a callback of the steady clock raised', exc_info=error)
 
-    def __init__(self) -> None:
+
+class SteadyClock:
+    """The machine's monotonic clock. One daemon thread, started with the first timer, calls back.
+
+    ``on_fault`` is told on that thread what a callback raises; by default it goes to the log of Python.
+    """
+
+    def __init__(self, on_fault: Callable[[BaseException], None] = _log_fault) -> None:
+        self._on_fault = on_fault
         self._timers = TimerQueue()
         self._condition = threading.Condition()
         self._thread: threading.Thread | None = None
@@ -143,6 +151,6 @@ class SteadyClock:
             _, callback = due
             try:
                 callback()
-            except BaseException:
+            except BaseException as error:
                 # One faulty callback must not take everybody else's timers away; nor one that wants to exit.
-                _logger.exception('a callback of the steady clock raised')
+                self._on_fault(error)
