@@ -15,6 +15,8 @@ from flexbt_common.values import resolve_type, to_entry
 from flexbt_core.state_machine import EventState, Severity
 from flexbt_flexbe import Logger, states
 from flexbt_flexbe.states import (
+    BtGetDataState,
+    BtSetDataState,
     CalculationState,
     CheckConditionState,
     DecisionState,
@@ -35,6 +37,7 @@ from flexbt_flexbe.states import (
 )
 from flexbt_flexbe.states.bt_states import full_type
 from flexbt_msgs.action import OperatorInput
+from flexbt_onboard.behaviors import building
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
 from flexbt_testing.nodes.state_bench import StateBench
@@ -379,3 +382,13 @@ def test_each_state_tells_what_it_declares() -> None:
 )
 def test_short_names_of_types_are_those_of_the_states_for_trees(short: str, full: str) -> None:
     assert full_type(short) == full
+
+
+def test_states_for_trees_take_short_names_of_types() -> None:
+    with building():
+        read = BtGetDataState(request_id='path', request_msg_type='Path', outputs={'n': 'int64'})
+        write = BtSetDataState(goal_id='goals', goal_msg_type='pose_stamped[]')
+        packaged = BtGetDataState(request_id='path', request_msg_type='Path', request_msg_pkg='nav_msgs')
+    assert read.bt_use.reads == {'path': 'nav_msgs/msg/Path', 'n': 'int64'}
+    assert write.bt_use.writes == {'goals': 'geometry_msgs/msg/PoseStamped[]'}
+    assert packaged.bt_use.reads == {'path': 'nav_msgs/msg/Path'}

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import flexbt_states
-from flexbt_common import names
 from flexbt_flexbe.api import RosAccess
+from flexbt_states.support import GoalState
 
 _TYPES: Final = {
     'char': 'string',
@@ -27,6 +26,13 @@ def full_type(name: str) -> str:
     return f'{_TYPES[short]}{brackets}' if '/' not in name and short in _TYPES else name
 
 
+class _ShortTypes(GoalState):
+    """Takes such names for the types of its parameters."""
+
+    def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
+        return super()._checked_type(parameter, name if package else full_type(name), package)
+
+
 class BtLoaderState(RosAccess, flexbt_states.BtLoaderState):
     __doc__ = flexbt_states.BtLoaderState.__doc__
 
@@ -35,65 +41,13 @@ class BtExecuteState(RosAccess, flexbt_states.BtExecuteState):
     __doc__ = flexbt_states.BtExecuteState.__doc__
 
 
-class BtExecuteGoalState(RosAccess, flexbt_states.BtExecuteGoalState):
+class BtExecuteGoalState(RosAccess, _ShortTypes, flexbt_states.BtExecuteGoalState):
     __doc__ = flexbt_states.BtExecuteGoalState.__doc__
 
-    def __init__(
-        self,
-        bt_topic: str = names.BT_EXECUTOR,
-        bt_file: str = '',
-        goal_id: str = 'goal',
-        goal_msg_type: str = 'PoseStamped',
-        request_id: str = '',
-        request_msg_pkg: str = '',
-        request_msg_type: str = '',
-        inputs: Mapping[str, str] | None = None,
-        outputs: Mapping[str, str] | None = None,
-        blackboard: str = '',
-        timeout: float | None = None,
-    ) -> None:
-        super().__init__(
-            bt_topic,
-            bt_file,
-            goal_id,
-            full_type(goal_msg_type),
-            request_id,
-            request_msg_pkg,
-            request_msg_type if request_msg_pkg else full_type(request_msg_type),
-            inputs,
-            outputs,
-            blackboard,
-            timeout,
-        )
 
-
-class BtGetDataState(RosAccess, flexbt_states.BtGetDataState):
+class BtGetDataState(RosAccess, _ShortTypes, flexbt_states.BtGetDataState):
     __doc__ = flexbt_states.BtGetDataState.__doc__
 
-    def __init__(
-        self,
-        bt_topic: str = names.BT_GET_DATA,
-        request_id: str = '',
-        request_msg_pkg: str = '',
-        request_msg_type: str = '',
-        outputs: Mapping[str, str] | None = None,
-        blackboard: str = '',
-        timeout: float | None = 5.0,
-    ) -> None:
-        message_type = request_msg_type if request_msg_pkg else full_type(request_msg_type)
-        super().__init__(bt_topic, request_id, request_msg_pkg, message_type, outputs, blackboard, timeout)
 
-
-class BtSetDataState(RosAccess, flexbt_states.BtSetDataState):
+class BtSetDataState(RosAccess, _ShortTypes, flexbt_states.BtSetDataState):
     __doc__ = flexbt_states.BtSetDataState.__doc__
-
-    def __init__(
-        self,
-        bt_topic: str = names.BT_SET_DATA,
-        goal_id: str = '',
-        goal_msg_type: str = '',
-        inputs: Mapping[str, str] | None = None,
-        blackboard: str = '',
-        timeout: float | None = 5.0,
-    ) -> None:
-        super().__init__(bt_topic, goal_id, full_type(goal_msg_type), inputs, blackboard, timeout)

@@ -11,7 +11,7 @@ from flexbt_common.values import check_value
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import UserData
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import checked_type, checked_types
+from flexbt_states.support import checked_types
 
 from .tree_state import TreeState
 
@@ -67,7 +67,7 @@ class BtExecuteGoalState(TreeState):
         if not goal_id:
             raise StateParameterError(self, 'goal_id', 'the key is empty')
         self._goal_id = goal_id
-        self._goal_type = checked_type(self, 'goal_msg_type', goal_msg_type)
+        self._goal_type = self._checked_type('goal_msg_type', goal_msg_type)
         written = checked_types(self, 'inputs', inputs)
         self._refuse_reserved('inputs', written, 'goal')
         read = checked_types(self, 'outputs', outputs)
@@ -75,7 +75,7 @@ class BtExecuteGoalState(TreeState):
             self._refuse_reserved('outputs', read, 'data')
             if request_id in read:
                 raise StateParameterError(self, 'request_id', f'{request_id!r} is one of outputs as well')
-            read[request_id] = checked_type(self, 'request_msg_type', request_msg_type, request_msg_pkg)
+            read[request_id] = self._checked_type('request_msg_type', request_msg_type, request_msg_pkg)
         # A list of poses for the key "goal" goes to "goals".
         is_list = goal_id == 'goals' and not self._goal_type.endswith('[]')
         super().__init__(

@@ -15,7 +15,6 @@ from flexbt_states.support import (
     GoalState,
     checked_timeout,
     checked_topic,
-    checked_type,
     checked_types,
     read_values,
     state_outcome,
@@ -58,7 +57,7 @@ class BtGetDataState(GoalState):
         if request_id:
             if request_id in self._types or 'data' in self._types:
                 raise StateParameterError(self, 'outputs', f'names {request_id!r} or "data", which request_id uses')
-            self._types[request_id] = checked_type(self, 'request_msg_type', request_msg_type, request_msg_pkg)
+            self._types[request_id] = self._checked_type('request_msg_type', request_msg_type, request_msg_pkg)
             self._userdata_keys[request_id] = 'data'
         if not self._types:
             raise StateParameterError(self, 'request_id', 'no key to read; give request_id or outputs')

@@ -16,7 +16,6 @@ from flexbt_states.support import (
     GoalState,
     checked_timeout,
     checked_topic,
-    checked_type,
     checked_types,
     state_outcome,
 )
@@ -56,7 +55,7 @@ class BtSetDataState(GoalState):
         if goal_id:
             if goal_id in self._types or 'goal' in self._types:
                 raise StateParameterError(self, 'inputs', f'names {goal_id!r} or "goal", which goal_id uses')
-            self._types[goal_id] = checked_type(self, 'goal_msg_type', goal_msg_type)
+            self._types[goal_id] = self._checked_type('goal_msg_type', goal_msg_type)
             self._userdata_keys[goal_id] = 'goal'
         if not self._types:
             raise StateParameterError(self, 'goal_id', 'no key to write; give goal_id or inputs')

@@ -11,6 +11,8 @@ from flexbt_core.clock import Clock, Timer
 from flexbt_core.state_machine import EventState, UserData
 from flexbt_onboard.behaviors import READY_SECONDS, state_services
 
+from .parameter_checks import checked_type
+
 SERVER_SECONDS: Final = 1.0
 """How long a server is waited for when all nodes that are alive are ready, s of wall time."""
 
@@ -140,6 +142,10 @@ class GoalState(EventState):
     """A state that works on one action goal, which it makes as ``_goal`` and sends when it is entered."""
 
     _goal: GoalCall
+
+    def _checked_type(self, parameter: str, name: str, package: str = '') -> str:
+        """The type that a parameter names; see :func:`checked_type`."""
+        return checked_type(self, parameter, name, package)
 
     def on_start(self) -> None:
         self._goal.prepare()
