@@ -91,24 +91,22 @@ def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool
 
 
 def room(
-    obstacles: Bools, squares: Squares, corners: Weights, radius: float, slack: float, x: float, y: float, yaw: float
+    obstacles: Bools, squares: Squares, corners: Weights, reach: float, slack: float, x: float, y: float, yaw: float
 ) -> Any:
     """How far, at least, the outline of the robot is from all obstacles; negative where it touches one.
 
-    ``corners``, shape (n, 2), are those of its polygon, none for a circle of a ``radius``. What is inside of a polygon
-    as a whole is not seen: who comes there has touched it before.
+    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``reach`` is the radius of the
+    circle that has all of it. What is inside of a polygon as a whole is not seen: who comes there has touched it
+    before.
     """
     height, width = obstacles.shape
     if not (0.0 <= y < height and 0.0 <= x < width):
         return -1.0
-    outer = radius
-    for i in range(len(corners)):
-        outer = max(outer, math.hypot(corners[i, 0], corners[i, 1]))
-    known = far_from(squares, x, y) - outer
+    known = far_from(squares, x, y) - reach
     if known >= slack + 1.0:
         return known
     if len(corners) == 0:
-        return -1.0 if touches(obstacles, x, y, radius + slack, False) else max(known, 0.0)
+        return -1.0 if touches(obstacles, x, y, reach + slack, False) else max(known, 0.0)
     cos, sin = math.cos(yaw), math.sin(yaw)
     least = math.inf
     for i in range(len(corners)):
@@ -145,7 +143,7 @@ def cost_of_piece(
     obstacles: Bools,
     squares: Squares,
     corners: Weights,
-    radius: float,
+    reach: float,
     slack: float,
     margin: float,
     pose: tuple[float, float, float],
@@ -154,17 +152,14 @@ def cost_of_piece(
     turning_radius: float,
 ) -> Any:
     """What it costs to drive a piece, infinite where the robot touches something on it, but for its beginning."""
-    outer = radius
-    for i in range(len(corners)):
-        outer = max(outer, math.hypot(corners[i, 0], corners[i, 1]))
-    swing = 1.0 + abs(turn) * outer / turning_radius
+    swing = 1.0 + abs(turn) * reach / turning_radius
     whole = abs(length)
     at, step, close = 0.0, min(whole, 0.5 / swing), 0.0
     while at < whole:
         step = min(step, whole - at)
         at += step
         x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at, length), turning_radius)
-        gap = room(obstacles, squares, corners, radius, slack, x, y, yaw)
+        gap = room(obstacles, squares, corners, reach, slack, x, y, yaw)
         if gap < 0.0:
             return math.inf
         close += step * max(0.0, 1.0 - gap / margin)
@@ -240,7 +235,7 @@ def hybrid_search(
     obstacles: Bools,
     squares: Squares,
     corners: Weights,
-    radius: float,
+    reach: float,
     slack: float,
     margin: float,
     ahead: Weights,
@@ -310,7 +305,7 @@ def hybrid_search(
                         cost += REVERSAL_COST * turning_radius
                     before = length
                     cost += cost_of_piece(
-                        obstacles, squares, corners, radius, slack, margin, here, chosen[i], length, turning_radius
+                        obstacles, squares, corners, reach, slack, margin, here, chosen[i], length, turning_radius
                     )
                     if cost >= best:
                         break
@@ -337,7 +332,7 @@ def hybrid_search(
             if other >= 0 and is_done[other]:
                 continue
             cost = spent[node] + cost_of_piece(
-                obstacles, squares, corners, radius, slack, margin, pose, turn, length, turning_radius
+                obstacles, squares, corners, reach, slack, margin, pose, turn, length, turning_radius
             )
             if directions[node] * length < 0.0:
                 cost += REVERSAL_COST * turning_radius

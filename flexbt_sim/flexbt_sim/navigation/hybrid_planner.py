@@ -145,7 +145,7 @@ class HybridPlanner(GridPlanner):
         """Obstacles and robot as the loops have them, in cells."""
         costmap, cell = self._costmap, self._costmap.world.resolution
         corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
-        return costmap.obstacles, costmap.squares, corners, costmap.inflation.robot_radius / cell
+        return costmap.obstacles, costmap.squares, corners, costmap.inflation.outer_radius / cell
 
     def _on_grid(self, pose: Pose) -> tuple[float, float, float]:
         world = self._costmap.world

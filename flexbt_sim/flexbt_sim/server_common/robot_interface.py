@@ -198,7 +198,7 @@ class RobotInterface:
             # They come at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
-        self._pose_heard = looked - age
+        self._pose_heard, self._was_gone = looked - age, False
         self._is_moving = self._pose != before
         stamp = seconds_of(message.header.stamp)
         self.costmaps.add_pose(stamp, self._pose)

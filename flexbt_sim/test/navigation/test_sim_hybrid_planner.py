@@ -117,7 +117,7 @@ def test_a_search_ends_when_it_is_stopped() -> None:
     stop = StopFlag()
     stop.set()
     wall = yard(((14, 0, 1, 40),))
-    shape = wall.obstacles, wall.squares, numpy.array(CORNERS) / 0.2, 4.5, 0.25, 1.0
+    shape = wall.obstacles, wall.squares, numpy.array(CORNERS) / 0.2, wall.inflation.outer_radius / 0.2, 0.25, 1.0
     ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
     nothing = numpy.zeros(wall.obstacles.shape)
     pieces, states = car_loops().hybrid_search(*shape, nothing, 1, *ends, 25.0, True, 100_000, stop.cell)
