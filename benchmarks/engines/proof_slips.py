@@ -39,7 +39,7 @@ from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
 from flexbt_tools.behavior_proofs import Version, compare_behaviors, prove_behavior
 from flexbt_tools.behaviors import build, installed, used_trees
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.proofs import KeptProofs, compare_trees, prove_tree
+from flexbt_tools.proofs import ProofCache, compare_trees, prove_tree
 from flexbt_tools.tree_checks import Severity, check_trees
 from flexbt_tools.trees import OpenRegistry, find_resource, read_library, roots
 
@@ -446,10 +446,10 @@ class OfTree:
 class OfMachine:
     """A machine with its trees, and what is required of it."""
 
-    def __init__(self, name: str, machine: MachineDefinition, kept: KeptProofs) -> None:
+    def __init__(self, name: str, machine: MachineDefinition, cache: ProofCache) -> None:
         self.name = name
         self._machine = machine
-        self._kept = kept
+        self._cache = cache
         self._required = _required('under a machine' if name in UNDER else name)
         self._nodes = [(one, child) for one in machine.nodes() if isinstance(one, MachineDefinition)
                        for child in one.children.values()]  # fmt: skip
@@ -479,7 +479,7 @@ class OfMachine:
         used = used_trees(machine, (), _registry())
         proof = prove_behavior(
             self.name, machine, used, Bounds(), seconds=2 * SECONDS, configurations=1_000_000,
-            required=self._required, kept=self._kept,
+            required=self._required, cache=self._cache,
         )  # fmt: skip
         return [found.violation.text for report in proof.reports for found in report.counterexamples]
 
@@ -494,16 +494,16 @@ def _required(name: str) -> tuple[Stated, ...]:
 
 def missions(folder: Path) -> Iterator[OfTree | OfMachine]:
     """All of them."""
-    kept = KeptProofs(folder / 'kept')
+    cache = ProofCache(folder / 'cache')
     for file in (*map(find_resource, DEMONSTRATED), *STOCK_TREES):
         yield OfTree(Path(file), folder)
     for entry in installed(MACHINES):
         machine = build(entry, []).machine
         assert machine is not None
-        yield OfMachine(entry.name, machine, kept)
+        yield OfMachine(entry.name, machine, cache)
     for tree in STOCK_TREES:
         if tree.stem in UNDER:
-            yield OfMachine(tree.stem, define(under_a_machine(str(tree))), kept)
+            yield OfMachine(tree.stem, define(under_a_machine(str(tree))), cache)
 
 
 def main() -> int:

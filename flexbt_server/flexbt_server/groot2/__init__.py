@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from .log_buffer import LogBuffer, TeeLog
 from .log_file import SUFFIX, Log, LogError, LoggedNode, LogWriter, Transition, read_log
-from .mark_log import LogOfSeveral, MarkLog
 from .tree_document import models_document
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ __all__ = [
     'SUFFIX',
     'Groot2Server',
     'Log',
+    'LogBuffer',
     'LogError',
-    'LogOfSeveral',
     'LogWriter',
     'LoggedNode',
-    'MarkLog',
+    'TeeLog',
     'Transition',
     'WatchedTree',
     'models_document',

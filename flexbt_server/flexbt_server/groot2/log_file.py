@@ -20,7 +20,7 @@ from flexbt_core.behavior_tree.observers import log_reader
 from flexbt_core.behavior_tree.xml import Element, parse
 
 from . import protocol
-from .mark_log import MarkLog
+from .log_buffer import LogBuffer
 from .tree_document import tree_document
 
 SUFFIX: Final = '.btlog'
@@ -50,7 +50,7 @@ class LogWriter:
         self,
         path: Path,
         tree: Tree,
-        log: MarkLog,
+        log: LogBuffer,
         start: int,
         epoch: float,
         *,

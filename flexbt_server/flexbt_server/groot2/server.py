@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree import JsonTypes, StatusLog, StatusObserver, Tree
 
 from . import protocol
 from .json_requests import RequestError, parse
-from .mark_log import MarkLog
+from .log_buffer import LogBuffer
 from .protocol import RequestType
 from .watched_tree import WatchedTree, clock
 
@@ -104,7 +104,9 @@ class Groot2Server:
 
     # -- the trees -----------------------------------------------------------------------------------------------------
 
-    def add(self, tree: Tree, log: MarkLog, on_held: Callable[[bool], None] = lambda held: None) -> WatchedTree | None:
+    def add(
+        self, tree: Tree, log: LogBuffer, on_held: Callable[[bool], None] = lambda held: None
+    ) -> WatchedTree | None:
         """Shows a tree whose first tick is next; None when it is not to be shown.
 
         The tree writes to ``log``, whose clock is that of ``watched_tree``; ``settle`` of what is returned is to be
@@ -256,7 +258,7 @@ class Watch:
         self._observers: tuple[StatusObserver, ...] | None = None
 
     def __enter__(self) -> Watch:
-        log = MarkLog(clock)
+        log = LogBuffer(clock)
         self._watched = self._server.add(self._tree, log)
         if self._watched is not None:
             self._observers = self._tree.observers

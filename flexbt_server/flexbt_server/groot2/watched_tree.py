@@ -18,7 +18,7 @@ from flexbt_core.behavior_tree.observers import log_reader
 from . import protocol
 from .breakpoints import Breakpoints
 from .json_requests import RequestError
-from .mark_log import MarkLog
+from .log_buffer import LogBuffer
 from .tree_document import tree_document
 
 RECORDED: Final = 1000
@@ -42,7 +42,7 @@ class WatchedTree:
     def __init__(
         self,
         tree: Tree,
-        log: MarkLog,
+        log: LogBuffer,
         types: JsonTypes,
         on_reached: Callable[[int], None],
         on_held: Callable[[bool], None],

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 
 from flexbt_common.runtime import LatestMessage, NodeRuntime
 from flexbt_core.behavior_tree import TreeContext
-from flexbt_server.trees import Kept
+from flexbt_server.trees import WeakLruCache
 
 MOST_TOPICS: Final = 100
 """Topics that are heard although no tree needs them now."""
@@ -68,7 +68,7 @@ class TopicCaches:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
-        self._caches: Kept[tuple[str, type[Any], str], TopicCache] = Kept(MOST_TOPICS)
+        self._caches: WeakLruCache[tuple[str, type[Any], str], TopicCache] = WeakLruCache(MOST_TOPICS)
 
     def cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
         """The cache of a topic, subscribed to when nobody has it yet. ``qos`` may be a depth, as in ROS. From any

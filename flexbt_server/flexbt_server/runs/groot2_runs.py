@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import JsonTypes, Tree
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2 import MarkLog
+from flexbt_server.groot2 import LogBuffer
 
 from .run_watchers import RunWatch
 from .tree_observer import TreeObserver
@@ -47,7 +47,7 @@ class Groot2Runs:
 
 class _Groot2Run:
     def __init__(self, server: Groot2Server, shown: TreeObserver) -> None:
-        self.log = MarkLog(time.perf_counter_ns)
+        self.log = LogBuffer(time.perf_counter_ns)
         self._server = server
         self._shown = shown
         self._watched: WatchedTree | None = None

@@ -17,7 +17,7 @@ from typing import Final
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2 import SUFFIX, LogWriter, MarkLog
+from flexbt_server.groot2 import SUFFIX, LogBuffer, LogWriter
 
 from .run_watchers import RunWatch
 from .tree_observer import TreeObserver
@@ -46,7 +46,7 @@ class RunLogs:
         """Watches one run."""
         return _RunLog(self._begin, run_id)
 
-    def _begin(self, tree: Tree, run_id: str, marks: MarkLog) -> LogWriter:
+    def _begin(self, tree: Tree, run_id: str, marks: LogBuffer) -> LogWriter:
         start = time.perf_counter_ns()
         epoch = time.time()
         started = datetime.fromtimestamp(epoch, UTC)
@@ -66,8 +66,8 @@ class RunLogs:
 
 
 class _RunLog:
-    def __init__(self, begin: Callable[[Tree, str, MarkLog], LogWriter], run_id: str) -> None:
-        self.log = MarkLog(time.perf_counter_ns, timed=True)
+    def __init__(self, begin: Callable[[Tree, str, LogBuffer], LogWriter], run_id: str) -> None:
+        self.log = LogBuffer(time.perf_counter_ns, timed=True)
         self._begin = begin
         self._run_id = run_id
         self._writer: LogWriter | None = None

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from flexbt_core.behavior_tree import Tree
 from flexbt_core.behavior_tree.observers import Log
-from flexbt_server.groot2 import LogOfSeveral
+from flexbt_server.groot2 import TeeLog
 
 from .tree_observer import TreeObserver
 
@@ -52,7 +52,7 @@ class _Observers:
         logs = [watch.log for watch in watches]
         if stream.log is not None:
             logs.append(stream.log)
-        self.log: Log | None = LogOfSeveral(logs) if len(logs) > 1 else logs[0]
+        self.log: Log | None = TeeLog(logs) if len(logs) > 1 else logs[0]
 
     def started(self, tree: Tree) -> None:
         self._stream.started(tree)

@@ -16,7 +16,7 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import NodeStatus, Tree
 from flexbt_core.behavior_tree.observers import log_reader
-from flexbt_server.groot2 import MarkLog
+from flexbt_server.groot2 import LogBuffer
 
 from .run_watchers import RunWatch
 from .tree_observer import TreeObserver
@@ -67,7 +67,7 @@ class _TreeLog:
     """The log of one run."""
 
     def __init__(self, logs: TreeLogs) -> None:
-        self.log = MarkLog(time.monotonic_ns)
+        self.log = LogBuffer(time.monotonic_ns)
         self._logs = logs
 
     def started(self, tree: Tree) -> None:

@@ -2,7 +2,6 @@
 """The trees and blackboards that the server holds."""
 
 from .blackboards import NO_RECOVERIES, RECOVERIES_KEY, Blackboards, Value, entries_of, read_values, write_all
-from .kept import Kept
 from .nav2_values import TrackingFeedback, WaypointStatus
 from .ros_json import RosJsonTypes
 from .ros_ports import (
@@ -16,6 +15,7 @@ from .ros_ports import (
     message_type,
 )
 from .tree_store import FileReport, FoundTree, TreeStore
+from .weak_lru_cache import WeakLruCache
 
 __all__ = [
     'DURATION',
@@ -30,12 +30,12 @@ __all__ = [
     'Blackboards',
     'FileReport',
     'FoundTree',
-    'Kept',
     'RosJsonTypes',
     'TrackingFeedback',
     'TreeStore',
     'Value',
     'WaypointStatus',
+    'WeakLruCache',
     'entries_of',
     'message_type',
     'read_values',

@@ -15,7 +15,7 @@ from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
 
-from .kept import Kept
+from .weak_lru_cache import WeakLruCache
 
 SHARED: Final = ''
 """Name of the blackboard that trees run on when the goal names none."""
@@ -60,7 +60,7 @@ class Blackboards:
 
     def __init__(self) -> None:
         self._shared = Blackboard()
-        self._named: Kept[str, Blackboard] = Kept(MOST_BLACKBOARDS)
+        self._named: WeakLruCache[str, Blackboard] = WeakLruCache(MOST_BLACKBOARDS)
         self._lengths: weakref.WeakKeyDictionary[Blackboard, dict[str, int]] = weakref.WeakKeyDictionary()
         self._lock = threading.Lock()
 

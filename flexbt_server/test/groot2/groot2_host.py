@@ -26,7 +26,7 @@ import zmq
 
 from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import SteadyClock
-from flexbt_server.groot2 import Groot2Server, LogOfSeveral, LogWriter, MarkLog, protocol
+from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, TeeLog, protocol
 from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name
@@ -60,7 +60,7 @@ class EngineHost:
                 node.script = Script(node, definition.extra, [])
         self._server = CountingServer(port, silence=silence)
         self._holds = 0
-        self._log = MarkLog(clock)
+        self._log = LogBuffer(clock)
         self._watched = self._server.add(self._tree, self._log, self._on_held)
         assert self._watched is not None
         self._writer: LogWriter | None = None
@@ -85,9 +85,9 @@ class EngineHost:
             status = 'halted'
         else:
             path = Path(command.removeprefix('log '))
-            log = MarkLog(clock, timed=True)
+            log = LogBuffer(clock, timed=True)
             self._writer = LogWriter(path, self._tree, log, clock(), time.time(), on_error=sys.exit)
-            self._tree.observe(StatusLog(LogOfSeveral([self._log, log])), after_round=self._writer.flush)
+            self._tree.observe(StatusLog(TeeLog([self._log, log])), after_round=self._writer.flush)
             status = 'logging'
         if self._writer is not None:
             self._writer.flush()

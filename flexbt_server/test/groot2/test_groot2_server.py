@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree import Blackboard, ExpandingAction, NodeStatus, StatusLog, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
-from flexbt_server.groot2 import Groot2Server, LogWriter, MarkLog, WatchedTree, read_log
+from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, WatchedTree, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
@@ -42,7 +42,7 @@ def tree(id: str = 'One', board: Blackboard | None = None) -> Tree:
 
 
 def observed(server: Groot2Server, shown: Tree) -> WatchedTree:
-    log = MarkLog(clock)
+    log = LogBuffer(clock)
     watched = server.add(shown, log)
     assert watched is not None
     shown.observe(StatusLog(log), after_round=watched.settle)
@@ -181,7 +181,7 @@ def test_the_newest_tree_is_shown(server: Groot2Server) -> None:
 
 def test_only_one_tree_is_shown_if_asked_for() -> None:
     with Groot2Server(free_pair(), only='Two') as server:
-        assert server.add(tree('One'), MarkLog(clock)) is None
+        assert server.add(tree('One'), LogBuffer(clock)) is None
         assert ask(server, RequestType.STATUS)[0] == b'error'
         two = observed(server, tree('Two'))
         assert shown_tree(server) == two.uuid
@@ -193,7 +193,7 @@ class Held:
     def __init__(self, server: Groot2Server, shown: Tree, uid: int) -> None:
         self.news: list[bool] = []
         self.arrived = threading.Event()
-        log = MarkLog(clock)
+        log = LogBuffer(clock)
         watched = server.add(shown, log, self._on_held)
         assert watched is not None
         self.watched = watched
@@ -429,7 +429,7 @@ def test_a_tree_that_gets_other_nodes_is_another_one_with_the_same_hooks(server:
 
 def test_a_request_that_comes_late_for_what_was_there_before_changes_nothing(server: Groot2Server) -> None:
     """It has found its tree, and the tree has had other nodes since."""
-    shown, log = expanding(), MarkLog(clock)
+    shown, log = expanding(), LogBuffer(clock)
     watched = [server.add(shown, log)]
     first = watched[0]
     assert first is not None
@@ -450,7 +450,7 @@ def test_a_request_that_comes_late_for_what_was_there_before_changes_nothing(ser
 
 
 def test_a_log_file_has_the_nodes_with_which_it_began(tmp_path: Path) -> None:
-    shown, log = expanding(), MarkLog(clock, timed=True)
+    shown, log = expanding(), LogBuffer(clock, timed=True)
     steps: list[Callable[[], None]] = []
     LogWriter(tmp_path / 'x.btlog', shown, log, clock(), 0.0, write=steps.append, on_error=pytest.fail)
     shown.observe(StatusLog(log))

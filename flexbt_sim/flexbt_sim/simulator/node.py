@@ -34,8 +34,8 @@ from .door_services import DoorServices
 from .entity_services import EntityServices
 from .fault_service import FaultService
 from .map_server import MapServer
+from .message_template import MessageTemplate, stamp_fields
 from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
-from .prefilled import PrefilledMessage, stamp_fields
 from .robot_topics import Commands, Message, RobotTopics
 from .scene import Scene
 from .time_services import TimeServices
@@ -106,7 +106,7 @@ class Simulator:
         node = self.runtime.node
         clock_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._clock = node.create_publisher(Clock, names.CLOCK, clock_qos)
-        self._clock_bytes = PrefilledMessage(Clock(), *stamp_fields('clock'))
+        self._clock_bytes = MessageTemplate(Clock(), *stamp_fields('clock'))
         self._computations = Computations(self.runtime, self.pacer)
         for robot in self.world.robots.values():
             self._connect_robot(robot, self.parameters.namespace_of(robot.name))

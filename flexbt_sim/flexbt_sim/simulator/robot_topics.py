@@ -35,8 +35,8 @@ from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
 from .description import robot_description
+from .message_template import MessageTemplate, stamp_fields
 from .parameters import SimulatorParameters
-from .prefilled import PrefilledMessage, stamp_fields
 
 AMCL: Final = 'amcl'
 """The node of Nav2 that localizes: others ask for its lifecycle state."""
@@ -187,7 +187,7 @@ class RobotTopics:
         parameters, lidar = self._parameters, self.robot.model.lidar
         odometry = Odometry(child_frame_id=parameters.base_frame)
         odometry.header.frame_id = parameters.odom_frame
-        self._odometry_bytes = PrefilledMessage(
+        self._odometry_bytes = MessageTemplate(
             odometry,
             *stamp_fields('header.stamp'),
             *_planar('pose.pose.position', 'pose.pose.orientation'),
@@ -196,14 +196,14 @@ class RobotTopics:
         )
         pose = PoseStamped()
         pose.header.frame_id = parameters.map_frame
-        self._pose_bytes = PrefilledMessage(
+        self._pose_bytes = MessageTemplate(
             pose, *stamp_fields('header.stamp'), *_planar('pose.position', 'pose.orientation')
         )
         frames = (parameters.map_frame, parameters.odom_frame), (parameters.odom_frame, parameters.base_frame)
         moving = [TransformStamped(child_frame_id=child) for _, child in frames]
         for one, (parent, _) in zip(moving, frames, strict=True):
             one.header.frame_id = parent
-        self._tf_bytes = [self._tf_prefilled(moving), self._tf_prefilled(moving[1:])]
+        self._tf_bytes = [self._tf_template(moving), self._tf_template(moving[1:])]
         if lidar is not None:
             scan = LaserScan(
                 angle_min=lidar.angle_min,
@@ -215,16 +215,16 @@ class RobotTopics:
                 ranges=[0.0] * lidar.beams,
             )
             scan.header.frame_id = parameters.scan_frame
-            self._scan_bytes = PrefilledMessage(scan, *stamp_fields('header.stamp'), array='ranges')
+            self._scan_bytes = MessageTemplate(scan, *stamp_fields('header.stamp'), array='ranges')
 
     @staticmethod
-    def _tf_prefilled(transforms: list[TransformStamped]) -> PrefilledMessage:
+    def _tf_template(transforms: list[TransformStamped]) -> MessageTemplate:
         fields: list[tuple[str, str]] = []
         for index in range(len(transforms)):
             at = f'transforms.{index}'
             fields += stamp_fields(f'{at}.header.stamp')
             fields += _planar(f'{at}.transform.translation', f'{at}.transform.rotation')
-        return PrefilledMessage(TFMessage(transforms=transforms), *fields)
+        return MessageTemplate(TFMessage(transforms=transforms), *fields)
 
     @property
     def listens_to_scans(self) -> bool:

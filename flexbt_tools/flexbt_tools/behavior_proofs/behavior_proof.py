@@ -29,7 +29,7 @@ from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import UsedTrees, behavior_entry, build, used_trees
 from flexbt_tools.errors import UnfitError, UsageError
-from flexbt_tools.proofs import KeptProofs, moves_of, prove_tree, replay_in, told_requirements
+from flexbt_tools.proofs import ProofCache, moves_of, prove_tree, replay_in, told_requirements
 from flexbt_tools.trees import OpenRegistry, read_models
 
 from .blackboards import Blackboards
@@ -67,13 +67,13 @@ def prove_behavior(
     required_of_trees: Mapping[str, Sequence[Stated]] = MappingProxyType({}),
     given: Collection[str] = (),
     on_progress: Callable[[str, Progress], None] | None = None,
-    kept: KeptProofs | None = None,
+    cache: ProofCache | None = None,
 ) -> BehaviorProof:
     """Explore a behavior within ``seconds`` of processor time in all. What a tree does not use of its time, those after
     it may.
 
     ``required`` is what holds of its machine beside what holds for all, ``required_of_trees`` of trees, by their IDs.
-    ``given`` are keys of blackboards that are there before. Of the trees, what is in ``kept`` is not explored again.
+    ``given`` are keys of blackboards that are there before. Of the trees, what is in ``cache`` is not explored again.
 
     Raises UnfitError when that is about what they do not have.
     """
@@ -98,7 +98,7 @@ def prove_behavior(
                 required=required_of_trees.get(key.id, ()),
                 observed=boards.observed,
                 on_progress=tell,
-                kept=kept,
+                cache=cache,
             )
         ahead = [key for key, report in trees.items() if report.stopped_by]
     models = state_models(used, trees, boards)
@@ -158,9 +158,11 @@ def replay_behavior(
     reports = {}
     if boards.observed:  # what the trees have written is known of their proofs
         limits = Limits(inf, configurations)
-        observed, kept = boards.observed, KeptProofs()
+        observed, cache = boards.observed, ProofCache()
         reports = {
-            key: prove_tree(used.library, key, given=given, limits=limits, faults=faults, observed=observed, kept=kept)
+            key: prove_tree(
+                used.library, key, given=given, limits=limits, faults=faults, observed=observed, cache=cache
+            )
             for key in boards.needed
         }
     bounds = Bounds(Operator(operator), forces, faults, autonomy)

@@ -17,7 +17,7 @@ from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.proofs import (
     Compared,
     File,
-    KeptProofs,
+    ProofCache,
     Replay,
     comparison_as_json,
     comparison_lines,
@@ -70,9 +70,9 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
 
 
-def kept(options: argparse.Namespace) -> KeptProofs | None:
+def proof_cache(options: argparse.Namespace) -> ProofCache | None:
     """The proofs that need not be made again."""
-    return None if options.anew else KeptProofs()
+    return None if options.anew else ProofCache()
 
 
 def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:

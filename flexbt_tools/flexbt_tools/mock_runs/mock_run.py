@@ -25,7 +25,7 @@ from flexbt_core.behavior_tree import (
     TreeNode,
 )
 from flexbt_core.clock import Clock, ManualClock, SteadyClock
-from flexbt_server.groot2 import LogWriter, MarkLog
+from flexbt_server.groot2 import LogBuffer, LogWriter
 from flexbt_tools.errors import RefusedError, UsageError
 from flexbt_tools.trees import BlackboardFile
 
@@ -86,7 +86,7 @@ class MockRun:
         _fill(board, plan.blackboard)
         self._log: LogWriter | None = None
         if log is not None:
-            marks = MarkLog(lambda: round(self.time * 1e9), timed=True)
+            marks = LogBuffer(lambda: round(self.time * 1e9), timed=True)
             self._log = LogWriter(log, self.tree, marks, 0, time.time(), on_error=_cannot_write)
             self.tree.observe(StatusLog(marks), after_round=self._log.flush)
         self._kept = self.tree.observers

@@ -2,9 +2,9 @@
 """Proofs about trees, and how any proof is told: what may happen is followed with the real engines."""
 
 from .compared import Compared, comparison_as_json, comparison_lines
-from .kept_proofs import KeptProofs
 from .model_proof import result_as_json, result_lines
 from .moves import moves_of
+from .proof_cache import ProofCache
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
 from .saved_test import File, Replay, requirement_texts, saved_test
@@ -14,8 +14,8 @@ __all__ = [
     'GOALS',
     'Compared',
     'File',
-    'KeptProofs',
     'ProgressLine',
+    'ProofCache',
     'Replay',
     'compare_trees',
     'comparison_as_json',

@@ -26,8 +26,8 @@ from flexbt_tools.errors import RefusedError, UnfitError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, read_models, references
 
 from .compared import Compared
-from .kept_proofs import NOTE, KeptProofs, digest_of
 from .moves import moves_of
+from .proof_cache import NOTE, ProofCache, digest_of
 
 GOALS: Final = ('goal', 'goals')
 """Keys that whoever runs a tree writes before, as Nav2's navigators do."""
@@ -44,11 +44,11 @@ def prove_tree(
     required: Sequence[Stated] = (),
     observed: Iterable[str] = (),
     on_progress: Callable[[Progress], None] | None = None,
-    kept: KeptProofs | None = None,
+    cache: ProofCache | None = None,
 ) -> Report:
     """Explore a tree. ``given`` are keys that are on the blackboard before it begins; ``faults`` is how many of its
     servers may be gone for good, and ``required`` what holds beside what holds for all. ``observed`` are keys of which
-    the report tells whether they are written whenever the tree has ended. What is in ``kept`` is not
+    the report tells whether they are written whenever the tree has ended. What is in ``cache`` is not
     explored again.
 
     A leaf whose type is not installed gives any result, and a note says so.
@@ -74,12 +74,12 @@ def prove_tree(
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
     bounds += told_requirements(required)
     digest = (
-        '' if kept is None else digest_of(library, key, [*keys, str(faults), str(looked_at), *map(str, requirements)])
+        '' if cache is None else digest_of(library, key, [*keys, str(faults), str(looked_at), *map(str, requirements)])
     )
-    known = None if kept is None else kept.get(digest, make)
+    known = None if cache is None else cache.get(digest, make)
     report = known or explore(make, f'tree {key.id}', bounds, limits, on_progress, faults=faults)
-    if kept is not None and known is None and report.is_complete:
-        kept.keep(digest, report)
+    if cache is not None and known is None and report.is_complete:
+        cache.put(digest, report)
     notes = [] if known is None else [NOTE]
     if unknown:
         notes.append(

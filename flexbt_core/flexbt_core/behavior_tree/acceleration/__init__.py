@@ -15,7 +15,7 @@ from flexbt_core.behavior_tree.model import acceleration_seam
 from flexbt_core.behavior_tree.observers import LogReader
 from flexbt_core.behavior_tree.script import BoundScript, CompiledScript
 
-from .joined_marks import JoinedLogReader
+from .compact_log import CompactLogReader
 from .node_classes import class_for, fit, logging_class
 from .specialized_conditions import SpecializedConditions
 from .specialized_scripts import SpecializedBoundScript, SpecializedScript
@@ -26,7 +26,7 @@ _FASTER: Final[dict[type[Any], type[Any]]] = {
     BoundScript: SpecializedBoundScript,
     CompiledScript: SpecializedScript,
     Conditions: SpecializedConditions,
-    LogReader: JoinedLogReader,
+    LogReader: CompactLogReader,
 }
 
 

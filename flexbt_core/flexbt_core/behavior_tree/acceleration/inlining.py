@@ -39,7 +39,7 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, NodeStatus
 
-from .joined_marks import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
+from .compact_log import CHILDREN_IDLE, EARLIER_CHILDREN_IDLE, FIRST_CHILDREN_IDLE
 
 _PACKAGE: Final = 'flexbt_core.behavior_tree.'
 

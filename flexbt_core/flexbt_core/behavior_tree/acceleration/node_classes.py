@@ -15,8 +15,8 @@ from typing import Any, Final
 from flexbt_core.behavior_tree.engine import Conditions, TreeNode, kept_by_class
 from flexbt_core.behavior_tree.observers import StatusLog
 
+from .compact_log import marks_of
 from .inlining import inlined_methods
-from .joined_marks import marks_of
 
 Observers = Sequence[Callable[..., None]]
 

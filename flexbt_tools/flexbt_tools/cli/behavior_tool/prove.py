@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             required_of_trees=by_name,
             given=options.given,
             on_progress=progress.tell,
-            kept=proof_arguments.kept(options),
+            cache=proof_arguments.proof_cache(options),
         )
     except RestoreError as error:
         raise UsageError(f'{behavior.name}: {error}') from error

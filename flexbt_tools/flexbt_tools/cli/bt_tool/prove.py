@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 limits=limits,
                 faults=options.faults,
                 required=required[key],
-                kept=proof_arguments.kept(options),
+                cache=proof_arguments.proof_cache(options),
                 on_progress=lambda now, name=name: progress.tell(name, now),  # type: ignore[misc]
             )
         except TreeLoadError as error:

@@ -27,11 +27,11 @@ STAMP: Final = (('i', 'sec'), ('I', 'nanosec'))
 
 
 def stamp_fields(path: str) -> tuple[tuple[str, str], ...]:
-    """The fields of a time, for :class:`PrefilledMessage`."""
+    """The fields of a time, for :class:`MessageTemplate`."""
     return tuple((code, f'{path}.{name}') for code, name in STAMP)
 
 
-class PrefilledMessage:
+class MessageTemplate:
     """The bytes of ``message``, in which the numbers at ``fields`` are written anew each time.
 
     A field is a code of ``struct`` ('d' float64, 'f' float32, 'i' int32, 'I' uint32) and the path to it in the message,

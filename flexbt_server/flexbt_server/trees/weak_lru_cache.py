@@ -13,7 +13,7 @@ Key = TypeVar('Key', bound=Hashable)
 Thing = TypeVar('Thing')
 
 
-class Kept(Generic[Key, Thing]):
+class WeakLruCache(Generic[Key, Thing]):
     """Each stays while somebody holds it, and of the others the ``most`` that were asked for last. From any thread."""
 
     def __init__(self, most: int) -> None:

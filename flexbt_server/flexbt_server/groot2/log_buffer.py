@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logs of a tree (see ``transition_log``) that are read later, maybe by another thread, and that know the times."""
+"""Logs of a tree (see ``observers``) that are read later, maybe by another thread, and that know the times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from flexbt_core.behavior_tree.observers import Log
 
 
-class MarkLog:
+class LogBuffer:
     """A log. While it is ``timed``, each mark is followed by the complement of the time of writing it, by ``now`` (ns).
 
     One thread writes; any may take.
@@ -37,7 +37,7 @@ class MarkLog:
         return marks
 
 
-class LogOfSeveral:
+class TeeLog:
     """Writes every mark to several logs."""
 
     def __init__(self, logs: Sequence[Log]) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Proofs of trees that were kept: what was followed to its end need not be followed again, as long as nothing changes
+"""A cache of the proofs of trees: what was followed to its end need not be followed again, as long as nothing changes
 on which it depends.
 
-A kept proof belongs to a digest of the texts of all files that were read, of the sources of the engine and of every
+A proof in it belongs to a digest of the texts of all files that were read, of the sources of the engine and of every
 class of a node, and of what was asked. So there is nothing to be cleared by hand.
 """
 
@@ -30,7 +30,7 @@ _MOST: Final = 200
 NOTE: Final = 'found before, and nothing on which it depends has changed since; --anew follows it again'
 
 
-class KeptProofs:
+class ProofCache:
     """The proofs in a folder."""
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -46,15 +46,15 @@ class KeptProofs:
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
-    def keep(self, digest: str, report: Report) -> None:
+    def put(self, digest: str, report: Report) -> None:
         """Keep a proof. Where that cannot be, it is followed again the next time."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile('w', dir=self._folder, suffix='.new', delete=False) as file:
                 json.dump(report_as_json(report), file)
             Path(file.name).replace(self._folder / f'{digest}.json')
-            kept = sorted(self._folder.iterdir(), key=lambda one: one.stat().st_mtime)
-            for old in kept[:-_MOST]:
+            proofs = sorted(self._folder.iterdir(), key=lambda one: one.stat().st_mtime)
+            for old in proofs[:-_MOST]:
                 old.unlink()
         except OSError:
             return

@@ -32,7 +32,7 @@ def marks_of(node: TreeNode) -> tuple[int, ...]:
     return tuple(range(first, first + len(NodeStatus) + (0 if leaf else FIRST_CHILDREN_IDLE)))
 
 
-class JoinedLogReader(LogReader[T]):
+class CompactLogReader(LogReader[T]):
     """A reader that knows such marks."""
 
     def __init__(self, nodes: Sequence[TreeNode], make: Callable[[int, int, int], T]) -> None:
