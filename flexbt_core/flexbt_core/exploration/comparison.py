@@ -17,7 +17,7 @@ from typing import Final, NamedTuple, Protocol
 
 from .choices import Choices
 from .configuration import Configuration
-from .explorer import ANSWERS_OF_A_STEP, Limits
+from .explorer import ANSWERS_OF_A_STEP, Limits, Progress, Teller
 from .model import ALARM, Label, System
 from .virtual_time import VirtualClock
 
@@ -76,11 +76,16 @@ class Comparison:
 
 
 def compare(
-    before: Callable[[], Described], now: Callable[[], Described], limits: Limits | None = None, *, most: int = 3
+    before: Callable[[], Described],
+    now: Callable[[], Described],
+    limits: Limits | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    *,
+    most: int = 3,
 ) -> Comparison:
     """Follow all that can happen to both of two versions, which are made anew at their beginnings, and tell the
     ``most`` differences that are nearest to the beginning."""
-    return _SideBySide(_Version(before()), _Version(now()), limits or Limits()).result(most)
+    return _SideBySide(_Version(before()), _Version(now()), limits or Limits(), on_progress).result(most)
 
 
 def names_of(paths: Iterable[str]) -> dict[str, str]:
@@ -224,8 +229,15 @@ class _Place(NamedTuple):
 
 
 class _SideBySide:
-    def __init__(self, before: _Version, now: _Version, limits: Limits) -> None:
+    def __init__(
+        self,
+        before: _Version,
+        now: _Version,
+        limits: Limits,
+        on_progress: Callable[[Progress], None] | None,
+    ) -> None:
         self._before, self._now, self._limits = before, now, limits
+        self._teller = Teller(on_progress)
         self._from: dict[tuple[bytes, bytes], _Place | None] = {}
         self._found: dict[tuple[object, ...], tuple[_Place, _Seen, _Seen]] = {}
         self._steps = 0
@@ -252,6 +264,7 @@ class _SideBySide:
         ahead = deque([first])
         while ahead:
             pair = ahead.popleft()
+            self._teller.tell(lambda: self._progress(len(ahead)))
             source = (pair[0].key, pair[1].key)
             for label, answers, before, now in self._steps_from(pair):
                 place = _Place(source, label, answers)
@@ -269,6 +282,9 @@ class _SideBySide:
             if len(self._from) > self._limits.configurations:
                 return f'the limit of {self._limits.configurations} situations'
         return self._cut
+
+    def _progress(self, waiting: int) -> Progress:
+        return Progress(len(self._from), waiting, self._steps, time.process_time() - self._begin)
 
     def _steps_from(
         self, pair: tuple[Configuration, Configuration]

@@ -42,6 +42,21 @@ class Progress(NamedTuple):
     seconds: float
 
 
+class Teller:
+    """Tells how far something has come, twice a second; ``on_progress`` None: nobody."""
+
+    def __init__(self, on_progress: Callable[[Progress], None] | None) -> None:
+        self._on_progress = on_progress
+        self._told = time.monotonic()
+
+    def tell(self, progress: Callable[[], Progress]) -> None:
+        """Ask for it and tell it, if it is time."""
+        now = time.monotonic()
+        if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
+            self._told = now
+            self._on_progress(progress())
+
+
 @dataclass
 class Limits:
     """When an exploration ends although there is more: after ``seconds`` of processor time, so that what is followed
@@ -96,7 +111,7 @@ class _Exploration:
         self._make = make
         self._faults = faults
         self._limits = limits
-        self._on_progress = on_progress
+        self._teller = Teller(on_progress)
         self._system = make()
         self._graph = Graph()
         self._found = _Found()
@@ -104,7 +119,6 @@ class _Exploration:
         self._written: dict[str, frozenset[str]] = {}
         self._checked = 0
         self._begin = time.process_time()
-        self._told = time.monotonic()
         self._stopped_by = ''
         self._cut = False
 
@@ -119,7 +133,7 @@ class _Exploration:
         expanded = 0
         while ahead:
             _, configuration = ahead.popleft()
-            self._tell(len(ahead))
+            self._teller.tell(lambda: self._progress(len(ahead)))
             self._system.restore(configuration)
             system = self._system
             for label, answer, is_due in [(one, system.answer(one), system.is_due(one)) for one in system.labels()]:
@@ -206,11 +220,8 @@ class _Exploration:
             )
         self._checked += 1
 
-    def _tell(self, waiting: int) -> None:
-        now = time.monotonic()
-        if self._on_progress is not None and now - self._told >= _PROGRESS_SECONDS:
-            self._told = now
-            self._on_progress(Progress(len(self._graph), waiting, self._steps, time.process_time() - self._begin))
+    def _progress(self, waiting: int) -> Progress:
+        return Progress(len(self._graph), waiting, self._steps, time.process_time() - self._begin)
 
     # -- what it means -----------------------------------------------------------------------------------------------
 

@@ -47,7 +47,9 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Ne
     def bound(literals: Iterable[Literal]) -> tuple[Literal, ...]:
         return tuple(one.bound(binding) for one in literals if unbound.isdisjoint(one.arguments))
 
-    is_told = leaf.kind is NodeKind.CONDITION or any(one.effects for one in skill.outcomes.values())
+    is_condition = leaf.kind is NodeKind.CONDITION
+    is_told = is_condition or any(one.effects for one in skill.outcomes.values())
+    says_it = not (is_condition and _is_asked_otherwise(leaf, skill, told))
     changing = [one for one in skill.outcomes.values() if one.kind is not OutcomeClass.ANSWERED]
     anything = binding | dict.fromkeys(unbound, _MARK)
     return Needs(
@@ -55,11 +57,21 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Ne
         {
             NodeStatus[name]: (one.kind is OutcomeClass.ANSWERED, bound(one.effects))
             for name, one in skill.outcomes.items()
-            if one.effects and name in NodeStatus.__members__
+            if one.effects and name in NodeStatus.__members__ and says_it
         },
         {one.name: list(one.parameters).index(one.exclusive) for one in skill.predicates if one.exclusive is not None},
         tuple(effect.bound(anything) for one in changing for effect in one.effects) if is_told else None,
         skill.duration == (0.0, 0.0),
+    )
+
+
+def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -> bool:
+    """Whether a condition is given more than what its literals are about, and not its default: with another limit, or
+    of another topic, it says something else."""
+    about = {told.get(name, name) for name in skill.parameters}
+    return any(
+        port in leaf.ports and port not in about and value.text != str(leaf.ports[port].default)
+        for port, value in leaf._values.items()
     )
 
 

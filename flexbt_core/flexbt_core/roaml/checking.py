@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import random
 import time
 from collections import deque
@@ -12,10 +11,13 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
+from flexbt_core.roaml.language import ManyValuesError
+
 from .graph import BAD, GOOD, Choices, reach
 from .model import Model
 from .paths import Order, Path
 from .properties import Property, judge_of
+from .random_runs import bounds_of, looks
 from .rounds import SATISFIED, EndlessError, Flow, Outcomes, Rounds
 from .system import NANOSECONDS, Followers, State, Step
 
@@ -38,7 +40,7 @@ class Method(Enum):
 
 @dataclass(frozen=True)
 class Limits:
-    """``seconds`` for one property, ``states`` of a graph.
+    """``seconds`` of processor time for one property, ``states`` of a graph.
 
     A statistical result is within ``error`` with the probability ``confidence``; ``seed`` that of its random numbers.
     """
@@ -50,9 +52,9 @@ class Limits:
     seed: int = 0
 
     @property
-    def runs(self) -> int:
-        """How many random runs give that: ln(2/δ) / 2ε² (Okamoto 1958; Hoeffding 1963)."""
-        return math.ceil(math.log(2.0 / (1.0 - self.confidence)) / (2.0 * self.error**2))
+    def looks(self) -> dict[int, float]:
+        """After how many random runs it is looked whether they are enough, with which doubt; the most runs last."""
+        return looks(self.error, self.confidence)
 
 
 class CheckProgress(NamedTuple):
@@ -109,10 +111,13 @@ def check(
     does not go with the model or the order."""
     limits = limits or Limits()
     if method is Method.EXACT and model.is_random:
-        raise ValueError('the model uses Math.random, whose values are too many to follow: take the method statistical')
+        raise ValueError(
+            'the model uses Math.random for real numbers, whose values are too many to follow: '
+            'take the method statistical'
+        )
     if method is Method.STATISTICAL and order is Order.ANY:
         raise ValueError('all orders can only be followed by the method exact; or take the order random')
-    begin = time.monotonic()
+    begin = time.process_time()
     generator = random.Random(limits.seed)
     system, watched = model.system(asked, generator.random)
     left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
@@ -124,25 +129,32 @@ def check(
     rounds = Rounds(path) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
     if method is not Method.STATISTICAL and not model.is_random:
         share = 1.0 if method is Method.EXACT or order is Order.ANY else 0.5
-        if rounds is not None:
-            try:
-                found = _flowed(path, rounds, begin, begin + limits.seconds * share, limits.states, tell)
-            except EndlessError:
-                rounds = None
-            else:
-                if found.is_complete or method is Method.EXACT:
-                    return found
-                followed = found.size
-        if rounds is None:
-            explorer = _Explorer(path, begin + limits.seconds * share, limits.states, tell)
-            if explorer.run() or method is Method.EXACT or order is Order.ANY:
-                return explorer.result(begin)
-        notes.append('there are too many states to follow all of them')
+        try:
+            if rounds is not None:
+                try:
+                    found = _flowed(path, rounds, begin, begin + limits.seconds * share, limits.states, tell)
+                except EndlessError:
+                    rounds = None
+                else:
+                    if found.is_complete or method is Method.EXACT:
+                        return found
+                    followed = found.size
+            if rounds is None:
+                explorer = _Explorer(path, begin + limits.seconds * share, limits.states, tell)
+                if explorer.run() or method is Method.EXACT or order is Order.ANY:
+                    return explorer.result(begin)
+            notes.append('there are too many states to follow all of them')
+        except ManyValuesError as error:
+            if method is Method.EXACT or order is Order.ANY:
+                raise
+            notes.append(str(error))
+            rounds = None
     if rounds is not None and not model.is_random and followed > _REUSE * len(rounds):
         try:
             return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, generator))
-        except EndlessError:
+        except (EndlessError, ManyValuesError):
             generator.seed(limits.seed)
+    system.draws = True
     return _sampled(path, limits, begin, until, tell, notes, _StepRuns(path, generator))
 
 
@@ -156,7 +168,7 @@ def _flowed(path: Path, rounds: Rounds, begin: float, until: float, most: int, t
     low, high = (round(value, 12) for value in (low, high))
     if asked.is_negated:
         low, high = 1.0 - high, 1.0 - low
-    seconds = time.monotonic() - begin
+    seconds = time.process_time() - begin
     how = f'exact: {flow.states} states, {len(rounds)} without their time, automata {_ORDERS[path.order]}'
     if not is_complete:
         how = f'bounds only: {flow.states} states were followed before the limit'
@@ -172,13 +184,13 @@ class _Teller:
     def __init__(self, callback: Callable[[CheckProgress], None] | None, begin: float) -> None:
         self._callback = callback
         self._begin = begin
-        self._next = begin + _REPORTED
+        self._next = time.monotonic() + _REPORTED
 
     def __call__(self, done: int, left: int) -> float:
-        """The time now; tells of the progress from time to time."""
-        now = time.monotonic()
-        if now >= self._next and self._callback is not None:
-            self._next = now + _REPORTED
+        """The processor time now; tells of the progress from time to time."""
+        now = time.process_time()
+        if self._callback is not None and time.monotonic() >= self._next:
+            self._next = time.monotonic() + _REPORTED
             self._callback(CheckProgress(done, left, now - self._begin))
         return now
 
@@ -278,7 +290,7 @@ class _Explorer:
         graph = [*self.graph, self._start]
         least, most = self._values(graph, asked.is_least)
         low, high = (1.0 - most, 1.0 - least) if asked.is_negated else (least, most)
-        seconds = time.monotonic() - begin
+        seconds = time.process_time() - begin
         notes = [self._stuck] if self._stuck else []
         how = f'exact: {len(self.graph)} states, automata {_ORDERS[self._path.order]}'
         if not self.is_complete:
@@ -368,9 +380,11 @@ def _sampled(
     path: Path, limits: Limits, begin: float, until: float, tell: _Teller, notes: list[str], runs: _Runs
 ) -> Result:
     """Random runs until there are enough for the error that is asked, or the time is over."""
-    wanted = limits.runs
+    looks_at = limits.looks
+    wanted = max(looks_at)
+    doubt = looks_at[wanted]
     good = undecided = done = 0
-    has_failed = False
+    has_failed = is_enough = False
     way: tuple[str, ...] = ()
     shortest = _RUN
     asked = path.asked
@@ -387,7 +401,12 @@ def _sampled(
             if runs.steps < shortest:
                 shortest = runs.steps
                 way = runs.way()
-    seconds = time.monotonic() - begin
+        if done in looks_at:
+            low, high = bounds_of(good, undecided, done, looks_at[done])
+            if (high - low) / 2.0 <= limits.error:
+                doubt, is_enough = looks_at[done], True
+                break
+    seconds = time.process_time() - begin
     if undecided:
         notes.append(f'{undecided} runs were not decided after {_RUN} steps')
     found = Result(
@@ -395,15 +414,16 @@ def _sampled(
     )
     if done == 0:
         return found
-    error = math.sqrt(math.log(2.0 / (1.0 - limits.confidence)) / (2.0 * done))
-    value, low, high = good / done, max(good / done - error, 0.0), min((good + undecided) / done + error, 1.0)
+    value = good / done
+    low, high = bounds_of(good, undecided, done, doubt)
+    error = (high - low) / 2.0
     if asked.is_negated:
         value, low, high = 1.0 - value, 1.0 - high, 1.0 - low
     how = (
         f'statistical: {done} random runs (seed {limits.seed}), within {error:.3f} with probability '
         f'{limits.confidence:g}, automata {_ORDERS[path.order]}'
     )
-    whole = done >= wanted
+    whole = is_enough or done >= wanted
     return replace(found, value=value, low=low, high=high, how=how, is_complete=whole, has_failed=has_failed)
 
 

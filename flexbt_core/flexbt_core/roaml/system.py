@@ -8,20 +8,25 @@ when nothing else can happen: timers that are due at once follow one another, in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 from math import gcd
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from flexbt_core.roaml.language import (
     FIELD,
+    AllLots,
     Around,
     Automaton,
     Branches,
+    Drawn,
     Events,
     Local,
+    Lots,
+    ManyValuesError,
     ModelFault,
     Send,
+    Write,
     bt_event,
     is_waited_for,
 )
@@ -30,6 +35,10 @@ from .tree import Answer, Seen, TreePlayer
 
 _STATUSES: Final = ('SUCCESS', 'FAILURE', 'RUNNING')
 NANOSECONDS: Final = 1_000_000_000
+MOST_SETS: Final = 20_000
+"""Sets of random values of one step that are followed."""
+
+_T = TypeVar('_T')
 
 
 class Clocked(NamedTuple):
@@ -77,7 +86,10 @@ def period_of(rate: float) -> int:
 
 
 class ModelSystem:
-    """``watched``: the events of which properties speak. ``clock``: the event by which time is published."""
+    """``watched``: the events of which properties speak. ``clock``: the event by which time is published.
+
+    Attribute: ``draws``, whether a step takes one value of what is random, by ``draw``; otherwise it follows all.
+    """
 
     def __init__(
         self,
@@ -100,7 +112,11 @@ class ModelSystem:
         self._end = end
         self._keeps_ticking = keeps_ticking
         self._clock = clock
-        self._draw = draw
+        self.draws = False
+        self._drawn = Drawn(draw)
+        self._lots: Lots = self._drawn
+        self._empty = Around({}, self._lots)
+        self._draw_any = {number for number, automaton in enumerate(automata) if automaton.draws}
         self._places = {event: place for place, event in enumerate(watched)}
         self._of_tree: set[int] = set()
         if tree is not None:
@@ -116,24 +132,45 @@ class ModelSystem:
                 self._receivers[event].append(number)
         self._waits = [is_waited_for(name) for name in events.names]
         self._is_clock_used = bool(self._receivers[clock]) or clock in self._places
-        self._empty = Around({}, draw)
 
     # -- first -------------------------------------------------------------------------------------------------------
 
     def initial(self) -> Followers:
         """What the automata do at first. Raises ModelFault."""
         blank = State(0, -1, (), (), (self._first, False), (None,) * len(self._places), 0)
-        each = [one.begin(self._around(one, blank)) for one in self.automata]
+        each = [
+            self._all(number, lambda one=one: one.begin(self._around(one, blank)))  # type: ignore[misc]
+            for number, one in enumerate(self.automata)
+        ]
         return [
             (_product(part for part, _ in combined), blank._replace(locals=tuple(local for _, local in combined)))
             for combined in product(*each)
         ]
 
     def _around(self, automaton: Automaton, state: State) -> Around:
-        if not automaton.uid or self.tree is None:
-            return self._empty
-        inputs = self.tree[state.tree[0]].inputs.get(automaton.uid)
-        return self._empty if inputs is None else Around(inputs, self._draw)
+        inputs: Mapping[str, Any] | None = None
+        if automaton.uid and self.tree is not None:
+            inputs = self.tree[state.tree[0]].inputs.get(automaton.uid)
+        if inputs is None:
+            return self._empty if self._lots is self._drawn else Around({}, self._lots)
+        return Around(inputs, self._lots)
+
+    def _all(self, number: int, run: Callable[[], list[tuple[float, _T]]]) -> list[tuple[float, _T]]:
+        """What an automaton does, for all values of what it draws."""
+        if self.draws or number not in self._draw_any:
+            return run()
+        found: list[tuple[float, _T]] = []
+        ahead: list[tuple[int, ...]] = [()]
+        while ahead:
+            if len(found) > MOST_SETS:
+                raise ManyValuesError(f'{self.automata[number].name} draws too many values at once to follow each')
+            lots = self._lots = AllLots(ahead.pop())
+            try:
+                found += [(lots.probability * part, one) for part, one in run()]
+            finally:
+                self._lots = self._drawn
+            ahead += lots.others
+        return found
 
     # -- steps -------------------------------------------------------------------------------------------------------
 
@@ -285,6 +322,9 @@ class ModelSystem:
         local = state.locals[number]
         due = automaton.due(local)
         assert due is not None
+        return self._all(number, lambda: self._gone_on(state, number, automaton, local, due))
+
+    def _gone_on(self, state: State, number: int, automaton: Automaton, local: Local, due: Send | Write) -> Followers:
         values = automaton.values(local, due, self._around(automaton, state))
         if isinstance(due, Send):
             state = self._put(state, due.event, values)
@@ -322,7 +362,12 @@ class ModelSystem:
             local = state.locals[number]
             if local.at >= 0:
                 continue
-            branches: Branches = automaton.take(local, event, values, self._around(automaton, state))
+            branches: Branches = self._all(
+                number,
+                lambda automaton=automaton, local=local: automaton.take(  # type: ignore[misc]
+                    local, event, values, self._around(automaton, state)
+                ),
+            )
             if len(branches) == 1 and branches[0][1] is local:
                 continue
             found = [

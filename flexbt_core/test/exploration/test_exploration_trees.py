@@ -74,7 +74,7 @@ GOAL = {'goal': input_port(STRING)}
 
 class IsAt(IsSafe):
     skill = Skill.measuring(AT)
-    ports = GOAL
+    ports = {**GOAL, 'tolerance': input_port(STRING, default='0.5')}
 
 
 class Go(StandIn):
@@ -203,6 +203,10 @@ DEFECTS = {
         Property.PRECONDITION,
     ),
     'needs to be elsewhere': ('<Sequence><Go goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
+    'is told that it is not there': (
+        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.5"/></Inverter><Serve goal="dock"/></Sequence>',
+        Property.PRECONDITION,
+    ),
     'is told to be elsewhere': ('<Sequence><IsAt goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
     'begun once what is to be begun again': (
         '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
@@ -253,6 +257,7 @@ def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed
         '<Script code="it := &apos;back&apos;"/></Sequence></Repeat></Sequence>',
         '<Sequence><Enter door="front"/><Turn/><Enter door="front"/></Sequence>',  # who knows what it does
         '<Sequence><IsAt goal="home"/><Turn/><Serve goal="dock"/></Sequence>',
+        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.1"/></Inverter><Serve goal="dock"/></Sequence>',
         '<Sequence><Go goal="{a}"/><Serve goal="{b}"/></Sequence>',  # of the same value, maybe
         '<Sequence><Leave goal="dock"/><Go goal="{a}"/><Serve goal="dock"/></Sequence>',
         '<Sequence><Leave goal="dock"/><ForceSuccess><Go goal="dock"/></ForceSuccess><Serve goal="dock"/></Sequence>',

@@ -12,6 +12,7 @@ import pytest
 
 from flexbt_core.behavior_tree import TreeLoadError
 from flexbt_core.roaml import Limits, Method, Model, ModelFault, Order, Result, check, is_model
+from flexbt_core.roaml.random_runs import bounds_of, looks
 
 HEAD = '<ascxml name="{}" version="1.0" initial="{}">{}</ascxml>'
 
@@ -123,10 +124,35 @@ def test_a_probability_is_exact(tmp_path: Path, order: Order) -> None:
 def test_random_runs_keep_the_error_that_they_state(tmp_path: Path) -> None:
     main = write(tmp_path, {'asked': finally_('won.valid')}, nodes={'dice': DICE})
     result = checked(main, method=Method.STATISTICAL, limits=Limits(error=0.05, confidence=0.999, seed=7))
-    assert result.size == 1521  # ln(2/0.001) / (2 * 0.05**2)
+    assert result.size <= 1659  # ln(4/0.001) / (2 * 0.05**2)
+    assert (result.high - result.low) / 2 <= 0.05
     assert result.low <= 1 - 0.75**3 <= result.high
     assert not result.is_exact
     assert result.holds is False
+
+
+def test_few_random_runs_are_enough_near_0_and_1(tmp_path: Path) -> None:
+    main = write(tmp_path, {'asked': finally_(COUNT, 10)}, nodes={'counter': COUNTER.format(rate=1)})
+    result = checked(main, method=Method.STATISTICAL)
+    assert (result.value, result.high, result.is_complete) == (1.0, 1.0, True)
+    assert result.low >= 0.97 and result.size < 300 < max(Limits().looks)
+
+
+@pytest.mark.parametrize('p', [0.0, 0.02, 0.3, 0.5, 1.0])
+def test_the_bounds_of_random_runs_hold_with_their_confidence(p: float) -> None:
+    # The probability that runs end with bounds that are wrong, exactly: all sequences of runs, by their counts.
+    found = looks(error=0.08, confidence=0.9)
+    assert sum(found.values()) == pytest.approx(0.1)
+    whole, wrong = {0: 1.0}, 0.0
+    for done in range(1, max(found) + 1):
+        whole = {good: whole.get(good, 0.0) * (1.0 - p) + whole.get(good - 1, 0.0) * p for good in range(done + 1)}
+        for good in list(whole) if done in found else ():
+            low, high = bounds_of(good, 0, done, found[done])
+            is_enough = (high - low) / 2.0 <= 0.08
+            assert is_enough or done < max(found)
+            if is_enough:
+                wrong += whole.pop(good) * (not low - 1e-9 <= p <= high + 1e-9)
+    assert wrong <= 0.1
 
 
 def test_math_random_is_drawn_anew_in_each_run(tmp_path: Path) -> None:
@@ -136,6 +162,50 @@ def test_math_random_is_drawn_anew_in_each_run(tmp_path: Path) -> None:
     main = write(tmp_path, {'asked': finally_('low.valid')}, nodes={'one': node})
     assert checked(main, limits=Limits(error=0.05, confidence=0.999)).value == pytest.approx(0.25, abs=0.05)
     with pytest.raises(ValueError, match='statistical'):
+        checked(main, method=Method.EXACT)
+
+
+@pytest.mark.parametrize(
+    ('drawn', 'probabilities'),
+    [
+        ('Math.floor(Math.random() * 4)', {0: 0.25, 1: 0.25, 2: 0.25, 3: 0.25}),
+        ('Math.floor(1 + n * Math.random()) - 2', {-1: 0.4, 0: 0.4, 1: 0.2}),
+        ('Math.floor(Math.random() * 2 + 0.75)', {0: 0.125, 1: 0.5, 2: 0.375}),
+        ('Math.round(Math.random() * 2)', {0: 0.25, 1: 0.5, 2: 0.25}),
+        ('Math.floor(Math.random() * 2) + 10 * Math.floor(Math.random() * 2)', {0: 0.25, 1: 0.25, 10: 0.25, 11: 0.25}),
+        ('Math.random() &lt; 0.125 ? 1 : 0.25 &gt; Math.random() ? 2 : 3', {1: 0.125, 2: 0.21875, 3: 0.65625}),
+        ('0.125 &lt; Math.random() ? 1 : 0', {1: 0.875, 0: 0.125}),
+        ('Math.floor(Math.random() * 0) + (Math.random() &lt; 2 ? 1 : 0)', {1: 1.0}),
+    ],
+)
+def test_whole_numbers_drawn_by_lot_are_followed_exactly(
+    tmp_path: Path, drawn: str, probabilities: dict[int, float]
+) -> None:
+    node = f"""draw|<datamodel><data id="x" type="int32" expr="0"/><data id="n" type="float32" expr="2.5"/></datamodel>
+        <state id="draw"><transition target="end"><assign location="x" expr="{drawn}"/></transition></state>
+        <state id="end"><onentry><send event="got"><param name="x" expr="x"/></send></onentry></state>"""
+
+    def got(x: int) -> dict[str, Any]:
+        is_x = {'op': '=', 'left': 'got__x', 'right': x}
+        return {'op': 'Pmin', 'exp': {'op': 'F', 'exp': {'op': '∧', 'left': is_x, 'right': 'got.valid'}}}
+
+    main = write(tmp_path, {str(x): got(x) for x in probabilities}, nodes={'one': node})
+    for x, probability in probabilities.items():
+        found = checked(main, str(x))
+        assert found.is_exact and found.value == pytest.approx(probability)
+    assert sum(probabilities.values()) == 1.0
+    sampled = checked(main, str(x), method=Method.STATISTICAL, limits=Limits(error=0.05, confidence=0.999))
+    assert sampled.low <= probability <= sampled.high and not sampled.is_exact
+
+
+def test_too_many_values_by_lot_are_drawn(tmp_path: Path) -> None:
+    node = """draw|<datamodel><data id="x" type="int32" expr="0"/></datamodel><state id="draw"><transition target="end">
+        <assign location="x" expr="Math.floor(Math.random() * 1e9)"/></transition></state>
+        <state id="end"><onentry><if cond="x &lt; 5e8"><send event="low"/></if></onentry></state>"""
+    main = write(tmp_path, {'asked': finally_('low.valid')}, nodes={'one': node})
+    found = checked(main, limits=Limits(error=0.05))
+    assert not found.is_exact and found.low <= 0.5 <= found.high and 'too many values' in found.notes[0]
+    with pytest.raises(ModelFault, match='too many values'):
         checked(main, method=Method.EXACT)
 
 

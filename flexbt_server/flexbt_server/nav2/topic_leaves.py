@@ -28,7 +28,9 @@ from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import LeafServices, TopicCache, TopicCondition
 
-_BATTERY_LOW: Final = Predicate('battery_low', sensor=ConditionSensor('IsBatteryLow', {'min_battery': '{min_battery}'}))
+_BATTERY_LOW: Final = Predicate(
+    'battery_low', {'min_battery': 'limit'}, ConditionSensor('IsBatteryLow', {'min_battery': '$min_battery'})
+)
 _BATTERY_TOPIC: Final = input_port(STRING, default='/battery_status', description='topic, sensor_msgs/BatteryState')
 
 

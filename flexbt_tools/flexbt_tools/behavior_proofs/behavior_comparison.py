@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
-from flexbt_core.exploration import Bounds, Limits, MachineSystem, compare
+from flexbt_core.exploration import Bounds, Limits, MachineSystem, Progress, compare
 from flexbt_core.state_machine import MachineDefinition
 from flexbt_tools.behaviors import UsedTrees
 from flexbt_tools.proofs import Compared, compare_trees
 
+from .behavior_proof import named_progress
 from .blackboards import Blackboards
 from .environment import state_models
 
@@ -32,6 +33,7 @@ def compare_behaviors(
     seconds: float,
     configurations: int,
     given: Collection[str] = (),
+    on_progress: Callable[[str, Progress], None] | None = None,
 ) -> list[Compared]:
     """Compare the trees that the same states run, and the machines, within ``seconds`` of processor time in all.
 
@@ -54,10 +56,12 @@ def compare_behaviors(
         assert earlier is not None
         called = f'tree {key.id}' if earlier.id == key.id else f'tree {key.id} (before: {earlier.id}) of {path}'
         versions = ((before.used.library, earlier), (now.used.library, key))
-        found.append(compare_trees(*versions, given=given, limits=limits(), name=called))
+        tell = named_progress(called, on_progress)
+        found.append(compare_trees(*versions, given=given, limits=limits(), on_progress=tell, name=called))
 
     def make(version: Version) -> MachineSystem:
         models = state_models(version.used, {}, Blackboards.of(version.used, given))
         return MachineSystem(version.machine, models, bounds)
 
-    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits()))]
+    tell = named_progress('the machine', on_progress)
+    return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits(), tell))]

@@ -88,7 +88,7 @@ def prove_behavior(
         for number, key in enumerate(ahead):
             share = _SHARE_OF_TREES * (end - time.process_time()) / (len(ahead) - number)
             limits = Limits(min(most, share), configurations)
-            tell = _named(f'tree {key.id}', on_progress)
+            tell = named_progress(f'tree {key.id}', on_progress)
             trees[key] = prove_tree(
                 used.library,
                 key,
@@ -109,7 +109,7 @@ def prove_behavior(
         f'machine of {name}',
         f'{bounds}{unknown if without else ""}{told_requirements(required)}',
         Limits(max(0.0, end - time.process_time()), configurations),
-        _named('the machine', on_progress),
+        named_progress('the machine', on_progress),
         faults=bounds.faults,
     )
     note = boards.note(trees)
@@ -171,5 +171,6 @@ def replay_behavior(
     return replay(lambda: MachineSystem(machine, states, bounds, required), moves_of(moves))
 
 
-def _named(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:
+def named_progress(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:
+    """Who is told of the progress of one of several, by this name."""
     return None if tell is None else lambda progress: tell(name, progress)

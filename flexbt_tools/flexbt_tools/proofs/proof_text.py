@@ -35,7 +35,7 @@ class ProgressLine:
     def tell(self, name: str, progress: Progress) -> None:
         """Show how far an exploration has come."""
         self.show(
-            f'{name}: {progress.configurations} configurations, {progress.waiting} to follow, {progress.seconds:.0f} s'
+            f'{name}: {progress.configurations} situations, {progress.waiting} to follow, {progress.seconds:.0f} s'
         )
 
     def show(self, text: str) -> None:

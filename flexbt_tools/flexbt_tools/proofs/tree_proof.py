@@ -94,6 +94,7 @@ def compare_trees(
     *,
     given: Iterable[str] = (),
     limits: Limits | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
     name: str = '',
 ) -> Compared:
     """Follow two versions of a tree side by side, as :func:`prove_tree` follows one; ``name`` is what they are called.
@@ -108,7 +109,7 @@ def compare_trees(
     def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
         return TreeSystem(library, key, given=keys)
 
-    found = compare(lambda: make(*before), lambda: make(*now), limits)
+    found = compare(lambda: make(*before), lambda: make(*now), limits, on_progress)
     return Compared(name or f'tree {now[1].id}', found)
 
 

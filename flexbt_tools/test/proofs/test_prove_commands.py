@@ -16,10 +16,11 @@ import pytest
 
 from flexbt_console.mirror import NodeStatus
 from flexbt_console.recording import open_recording
+from flexbt_core.exploration import explorer
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
 from flexbt_tools.errors import UsageError
-from flexbt_tools.proofs import File
+from flexbt_tools.proofs import File, ProgressLine
 
 
 @pytest.fixture(autouse=True)
@@ -347,7 +348,7 @@ def test_a_model_is_known_by_its_main_file(tmp_path: Path) -> None:
     assert tool('prove', main, '--property', 'fetch').code == 2
     assert tool('prove', main, '--save-test', 'x').code == 2
     done = tool('prove', main, '--method', 'statistical', '--error', '0.05')
-    assert done.code == 1 and 'statistical: 738 random runs' in done.out
+    assert done.code == 1 and 'statistical: 100 random runs (seed 0), within 0.0' in done.out
     done = tool('prove', model(tmp_path, '1.7'))
     assert done.code == 3 and 'grasp.ascxml:1:' in done.err and 'the probability 1.7' in done.err
 
@@ -377,7 +378,7 @@ def test_a_version_beside_the_one_before(tmp_path: Path) -> None:
     assert 'tree Main: DIFFERS: it is there only before' in other.out
 
 
-def test_a_behavior_beside_the_one_before(tmp_path: Path) -> None:
+def test_a_behavior_beside_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def version(name: str, plan: str, unplanned: str) -> str:
         folder = tmp_path / name
         folder.mkdir()
@@ -386,6 +387,10 @@ def test_a_behavior_beside_the_one_before(tmp_path: Path) -> None:
     old = version('old', '<ComputePathToPose goal="{goal}" path="{path}"/>', 'failed')
     new = version('new', '<Wait/>', 'Plan')
     assert behavior('prove', old, '--against', old)[0] == 0
+    told: list[str] = []
+    monkeypatch.setattr(explorer, '_PROGRESS_SECONDS', 0.0)
+    monkeypatch.setattr(ProgressLine, 'tell', lambda self, name, progress: told.append(name))
     code, out, _ = behavior('prove', new, '--against', old)
+    assert {f'{one}, against before' for one in ('tree Plan', 'tree Drive', 'the machine')} <= {*told}
     assert code == 1 and 'tree Plan, against before: ' in out and 'tree Drive, against before: does the same' in out
     assert '/Plan > failed -> =failed' in out and '/Plan > failed -> /Plan' in out

@@ -2,7 +2,7 @@
 """ASCXML, the language of the automata of a model: its files, expressions, types of data and events."""
 
 from .ascxml import Ascxml, Communication, Instance, is_pointer, ports_of
-from .automaton import Action, Around, Automaton, Branches, Local, Send, State, Target, Transition
+from .automaton import Action, Around, Automaton, Branches, Local, Send, State, Target, Transition, Write
 from .data_types import DataType, DataTypeError, DataTypes
 from .events import FIELD, SET, TIMER, Events, bt_event, is_waited_for
 from .expressions import (
@@ -18,6 +18,7 @@ from .expressions import (
     names_in,
     parse_expression,
 )
+from .lots import AllLots, Drawn, Lots, ManyValuesError
 from .source_text import ModelError, ModelFault, Node, read_text, read_xml
 from .values import Record
 
@@ -26,6 +27,7 @@ __all__ = [
     'SET',
     'TIMER',
     'Action',
+    'AllLots',
     'Around',
     'Array',
     'Ascxml',
@@ -36,6 +38,7 @@ __all__ = [
     'DataType',
     'DataTypeError',
     'DataTypes',
+    'Drawn',
     'Evaluated',
     'Events',
     'Expression',
@@ -43,6 +46,8 @@ __all__ = [
     'Instance',
     'Literal',
     'Local',
+    'Lots',
+    'ManyValuesError',
     'ModelError',
     'ModelFault',
     'Name',
@@ -52,6 +57,7 @@ __all__ = [
     'State',
     'Target',
     'Transition',
+    'Write',
     'bt_event',
     'compiled',
     'constant',

@@ -30,6 +30,7 @@ from .dialect import (
 )
 from .events import FIELD, FIRST_NODE, TIMER, Events, bt_event, ros_name
 from .expressions import (
+    LOTS,
     Call,
     Evaluated,
     Expression,
@@ -107,6 +108,7 @@ class Ascxml:
         self._events = events
         self._instance = instance
         self.is_random = False
+        self._draws = False
         root.only(_ROOT_CHILDREN)
         self.name = root.need('name')
         if instance is not None:
@@ -248,6 +250,7 @@ class Ascxml:
         except ExpressionError as error:
             node.fail(str(error), attribute)
         self.is_random = self.is_random or is_random(found)
+        self._draws = self._draws or is_random(found, LOTS)
         return found
 
     def _compiled(self, expression: Expression, node: Node, scope: _Scope, attribute: str = '') -> Evaluated:
@@ -323,7 +326,7 @@ class Ascxml:
         states = [self._state(one, scope) for one in root.all('state')]
         initial = _state_name(root, 'initial', scope)
         uid = self._instance.uid if self._instance is not None else 0
-        return Automaton(name, data, states, initial, uid)
+        return Automaton(name, data, states, initial, uid, draws=self._draws)
 
     def _initial(self, node: Node, kind: DataType) -> Any:
         expression = self._expression(node)

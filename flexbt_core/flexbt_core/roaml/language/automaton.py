@@ -8,12 +8,13 @@ transition without event has precedence over events, as in SCXML.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from .data_types import DataType, DataTypeError
 from .expressions import Evaluated
+from .lots import Lots
 from .source_text import ModelFault
 
 _LARGEST: Final = 2**64
@@ -120,7 +121,7 @@ class Around(NamedTuple):
     """What expressions reach beside data and event: input ports that point to the blackboard, and random numbers."""
 
     inputs: Mapping[str, Any]
-    draw: Callable[[], float]
+    lots: Lots
 
 
 _Code = Assign | Send | Write | _Jump | _Unless | _Enter
@@ -128,13 +129,22 @@ Branches = list[tuple[float, Local]]
 
 
 class Automaton:
-    """One automaton of a model, compiled. ``uid`` is the number of the node of the tree that it is, 0 for others."""
+    """One automaton of a model, compiled. ``uid`` is the number of the node of the tree that it is, 0 for others.
+    ``draws``: something in it is by lot."""
 
     def __init__(
-        self, name: str, data: Sequence[tuple[str, Any]], states: Sequence[State], initial: str, uid: int = 0
+        self,
+        name: str,
+        data: Sequence[tuple[str, Any]],
+        states: Sequence[State],
+        initial: str,
+        uid: int = 0,
+        *,
+        draws: bool = False,
     ) -> None:
         self.name = name
         self.uid = uid
+        self.draws = draws
         self.variables = tuple(name for name, _ in data)
         self.states = tuple(state.name for state in states)
         self._numbers = {state.name: number for number, state in enumerate(states)}

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.values import excerpt
@@ -55,6 +55,8 @@ class Object(NamedTuple):
 
 Expression = Name | Literal | Call | Array | Object
 
+_RANDOM: Final = Call('random', ())
+
 _TOKEN: Final = re.compile(
     r'\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_$][\w$]*)'
     r'|(?P<text>"(?:[^"\\]|\\.)*"|\'(?:[^\'\\]|\\.)*\')'
@@ -88,7 +90,7 @@ def parse_expression(text: str) -> Expression:
     """Raises ExpressionError."""
     if len(text) > MAX_LENGTH:
         raise ExpressionError(f'the expression has {len(text)} characters; the limit is {MAX_LENGTH}')
-    return _Parser(text).whole()
+    return _by_lot(_Parser(text).whole())
 
 
 class _Parser:
@@ -328,6 +330,7 @@ _BINARY: Final = {
     'index': 'element({}, {})',
     'member': 'member({}, {})',
     'pow': 'power({}, {})',
+    'whole by lot': 'b[1].whole({}, {})',
     **{sign: f'({{}} {sign} {{}})' for sign in ('<', '>', '<=', '>=', '+', '-', '*', '/')},
 }
 _UNARY: Final = {
@@ -335,19 +338,64 @@ _UNARY: Final = {
     'unary +': '(+{})',
     'unary !': '(not {})',
     'abs': 'abs({})',
+    'below by lot': 'b[1].below({})',
     'round': 'int(math.floor({} + 0.5))',
     **{name: f'int(math.{name}({{}}))' for name in ('floor', 'ceil', 'trunc')},
     **{name: f'math.{name}({{}})' for name in ('cos', 'exp', 'log', 'sin', 'sqrt', 'tan')},
 }
 
 
-def is_random(expression: Expression) -> bool:
-    """Whether its value is drawn by lot."""
-    if isinstance(expression, Call):
-        return expression.name == 'random' or any(map(is_random, expression.operands))
+def _by_lot(expression: Expression) -> Expression:
+    """The expression, in which whole numbers and truths that are made of a random number are draws of their own:
+    ``floor(random * width + least)`` and ``random < bound``."""
     if isinstance(expression, Array):
-        return any(map(is_random, expression.elements))
-    return isinstance(expression, Object) and any(is_random(value) for _, value in expression.members)
+        return Array(tuple(map(_by_lot, expression.elements)))
+    if isinstance(expression, Object):
+        return Object(tuple((key, _by_lot(value)) for key, value in expression.members))
+    if not isinstance(expression, Call):
+        return expression
+    name, operands = expression.name, expression.operands
+    if name in ('floor', 'round'):
+        width, least = _spread(operands[0])
+        if width is not None:
+            least = Call('+', (least, Literal(0.5))) if name == 'round' else least
+            return Call('whole by lot', (_by_lot(width), _by_lot(least)))
+    if name in ('<', '<=', '>', '>=') and _RANDOM in operands:
+        bound = operands[1] if operands[0] == _RANDOM else operands[0]
+        below = Call('below by lot', (_by_lot(bound),))
+        return below if (operands[0] == _RANDOM) is name.startswith('<') else Call('unary !', (below,))
+    return Call(name, tuple(map(_by_lot, operands)))
+
+
+def _spread(expression: Expression) -> tuple[Expression | None, Expression]:
+    """Width and least value of what is ``random * width + least``, in any order; no width: it is something else."""
+    if isinstance(expression, Call) and expression.name in ('+', '*') and len(expression.operands) == 2:
+        for one, other in (expression.operands, expression.operands[::-1]):
+            if expression.name == '*' and one == _RANDOM:
+                return other, Literal(0)
+            if expression.name == '+':
+                width, least = _spread(one)
+                if width is not None:
+                    return width, (other if least == Literal(0) else Call('+', (least, other)))
+    return None, expression
+
+
+LOTS: Final = ('random', 'whole by lot', 'below by lot')
+"""Calls that draw by lot."""
+
+
+def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:
+    """Whether it draws by lot: real numbers, of which there are too many to follow each, or by one of ``calls``."""
+    inner: tuple[Any, ...] = ()
+    if isinstance(expression, Call):
+        if expression.name in calls:
+            return True
+        inner = expression.operands
+    elif isinstance(expression, Array):
+        inner = expression.elements
+    elif isinstance(expression, Object):
+        inner = tuple(value for _, value in expression.members)
+    return any(is_random(one, calls) for one in inner)
 
 
 def names_in(expression: Expression) -> list[tuple[str, ...]]:
@@ -380,7 +428,7 @@ def python_of(expression: Expression, resolve: Resolver) -> str:
     if expression.name in ('min', 'max'):
         return f'{expression.name}(({", ".join(operands)},))'
     if expression.name == 'random':
-        return 'b[1]()'
+        return 'b[1].real()'
     return (_UNARY.get(expression.name) or _BINARY[expression.name]).format(*operands)
 
 

@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         raise UsageError(f'{behavior.name}: {error}') from error
     finally:
         progress.end()
-    code = proof_arguments.tell(options, proof.reports, _compared(options, behavior.machine, used, bounds))
+    code = proof_arguments.tell(options, proof.reports, _compared(options, behavior.machine, used, bounds, progress))
     if options.save_test is not None and not all(report.holds for report in proof.reports):
         proof_arguments.save_test(options, list(_wrong(options, proof, bounds, required, by_name)))
     return code
@@ -112,7 +112,11 @@ def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[
 
 
 def _compared(
-    options: argparse.Namespace, machine: MachineDefinition, used: UsedTrees, bounds: Bounds
+    options: argparse.Namespace,
+    machine: MachineDefinition,
+    used: UsedTrees,
+    bounds: Bounds,
+    progress: ProgressLine,
 ) -> list[Compared]:
     """The behavior beside the version before."""
     if options.against is None:
@@ -120,15 +124,19 @@ def _compared(
     old = built(options, options.against)
     assert old.machine is not None
     before = Version(old.machine, _used(options, old, options.against_trees or options.trees))
-    return compare_behaviors(
-        machine.label or options.name,
-        before,
-        Version(machine, used),
-        bounds,
-        seconds=options.seconds,
-        configurations=options.situations,
-        given=options.given,
-    )
+    try:
+        return compare_behaviors(
+            machine.label or options.name,
+            before,
+            Version(machine, used),
+            bounds,
+            seconds=options.seconds,
+            configurations=options.situations,
+            given=options.given,
+            on_progress=lambda name, done: progress.tell(f'{name}, against before', done),
+        )
+    finally:
+        progress.end()
 
 
 def _wrong(

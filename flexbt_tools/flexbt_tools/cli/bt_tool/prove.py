@@ -71,7 +71,7 @@ def run(options: argparse.Namespace) -> ExitCode:
             raise UsageError(f'{name}: {error}') from error
         finally:
             progress.end()
-    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library, keys))
+    code = proof_arguments.tell(options, list(reports.values()), _compared(options, before, library, keys, progress))
     if options.save_test is not None and not all(report.holds for report in reports.values()):
         files = [File(file) for file in options.files]
         settings = {'given': options.given, **proof_arguments.node_settings(options)}
@@ -95,7 +95,11 @@ def run(options: argparse.Namespace) -> ExitCode:
 
 
 def _compared(
-    options: argparse.Namespace, old: TreeLibrary | None, library: TreeLibrary, keys: Sequence[TreeKey]
+    options: argparse.Namespace,
+    old: TreeLibrary | None,
+    library: TreeLibrary,
+    keys: Sequence[TreeKey],
+    progress: ProgressLine,
 ) -> list[Compared]:
     """The trees beside those of the version before, which may have others."""
     if old is None:
@@ -108,9 +112,21 @@ def _compared(
     try:
         for name, before, now in versions:
             if before is not None and now is not None:
-                found.append(compare_trees((old, before), (library, now), given=options.given, limits=limits))
+                found.append(
+                    compare_trees(
+                        (old, before),
+                        (library, now),
+                        given=options.given,
+                        limits=limits,
+                        on_progress=lambda done, name=name: progress.tell(  # type: ignore[misc]
+                            f'tree {name}, against before', done
+                        ),
+                    )
+                )
             else:
                 found.append(Compared(f'tree {name}', only='now' if before is None else 'before'))
     except TreeLoadError as error:
         raise RefusedError(error.errors) from error
+    finally:
+        progress.end()
     return found
