@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
+from unittest.mock import Mock
 
 import pytest
 from builtin_interfaces.msg import Duration
 from rclpy.serialization import serialize_message
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus, SentGoal, ServedGoal
 from flexbt_common.runtime import Received, tells_writers
 from flexbt_common.values import duration_message, seconds_of
-from flexbt_sim.server_common import RobotInterface, declare_navigation_parameters
+from flexbt_sim.server_common import RobotInterface, declare_navigation_parameters, robot_interface
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world, pose, without_faults
 
 
@@ -104,3 +106,20 @@ def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> N
         robot._demand.reasons.append(lambda: True)
         robot._demand._look()
         assert runtime.call(lambda: receive(0.8))[0] <= 0.0
+
+
+def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_interface, 'RETURN_SECONDS', 1000.0)
+    parameters = {'pose_topic': 'nobodys_pose', 'map_topic': 'nobodys_map', 'pose_timeout': 0.1}
+    with without_faults('robot_interface', parameters=parameters) as runtime:
+        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        data = serialize_message(pose(DOCK))
+        went_on = threading.Event()
+
+        def come_and_go() -> None:
+            robot.forget_pose()
+            robot._receive_pose(Received(data, len(data), b'', time.time()))
+            robot.when_known(Mock(spec=ServedGoal), went_on.set)  # there is no map
+
+        runtime.call(come_and_go)
+        assert went_on.wait(30.0)
