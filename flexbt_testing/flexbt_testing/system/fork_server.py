@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Starts an executable again and again, as forks of one process that has loaded what the executable needs.
+"""Starts executables again and again, as forks of one process that has loaded what they need.
 
 Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
 :func:`flexbt_common.executables.run_main` has loaded the module: it has the arguments, the environment and the standard
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import gc
 import json
 import os
 import pkgutil
@@ -77,17 +78,17 @@ class ForkedProcess:
 
 
 class ForkServer:
-    """The process that starts those of one executable, by the module whose ``main()`` that runs.
+    """The process that starts others, by the modules whose ``main()`` they run.
 
-    ``prepared``: names of more modules that each of them would import, and of functions that load more, which each
-    would call after its start: what numba has compiled takes longer than all else.
+    ``modules``: names of those modules, and of more that they would import, and of functions that load more, which they
+    would call after their start: what numba has compiled takes longer than all else.
     """
 
-    def __init__(self, module: str, *prepared: str) -> None:
-        self._module = module
+    def __init__(self, *modules: str) -> None:
+        self._modules = modules
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
-            words = [sys.executable, '-m', __name__, str(other.fileno()), module, *prepared]
+            words = [sys.executable, '-m', __name__, str(other.fileno()), *modules]
             # Of a session of its own: Ctrl-C in the terminal is for whoever asks, who then ends what it has started.
             self._process = subprocess.Popen(
                 words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()], start_new_session=True
@@ -100,13 +101,16 @@ class ForkServer:
         environment: Mapping[str, str],
         fifo: Path | None = None,
         *,
+        module: str = '',
         errors: int | None = None,
     ) -> int:
         """Start a process with this command line, what it says going to the file ``output``; gives its number.
 
-        ``fifo``: from where its threads are held up (:mod:`.hold_up`). ``errors``: another file for standard error.
+        ``fifo``: from where its threads are held up (:mod:`.hold_up`). ``module``: what it runs; without one, the first
+        of the server's. ``errors``: another file for standard error.
         """
         request = {
+            'module': module or self._modules[0],
             'words': words,
             'environment': dict(environment),
             'directory': str(Path.cwd()),
@@ -135,22 +139,22 @@ class ForkServer:
                 self._socket.close()
         if not answer:
             code = self._process.wait()
-            raise RuntimeError(f'the fork server of {self._module} has ended, exit code {code}') from cause
+            raise RuntimeError(f'the fork server of {", ".join(self._modules)} has ended, exit code {code}') from cause
         return int(answer)
 
 
-def fork_server(module: str, *prepared: str) -> ForkServer:
-    """The one of a module in this process: it begins when it is first asked for, and ends with the process.
+def fork_server(*modules: str) -> ForkServer:
+    """The one of these modules in this process: it begins when it is first asked for, and ends with the process.
 
     There is another for each environment that modules would find as they are loaded.
     """
     environment = {name: value for name, value in os.environ.items() if name.startswith(_READ_AS_MODULES_ARE_LOADED)}
-    return _fork_server(frozenset(environment.items()), module, *prepared)
+    return _fork_server(frozenset(environment.items()), *modules)
 
 
 @cache
-def _fork_server(_environment: frozenset[tuple[str, str]], module: str, *prepared: str) -> ForkServer:
-    server = ForkServer(module, *prepared)
+def _fork_server(_environment: frozenset[tuple[str, str]], *modules: str) -> ForkServer:
+    server = ForkServer(*modules)
     atexit.register(server.close)
     return server
 
@@ -181,8 +185,8 @@ def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None
         connection.send(str(answer).encode())
 
 
-def _become(request: Mapping[str, Any], files: Sequence[int]) -> None:
-    """In the fork: what a process is given when it is started."""
+def _become(request: Mapping[str, Any], files: Sequence[int]) -> str:
+    """In the fork: what a process is given when it is started. Gives the module that it runs."""
     sys.argv = request['words']
     os.environ.clear()
     os.environ.update(request['environment'])
@@ -196,23 +200,26 @@ def _become(request: Mapping[str, Any], files: Sequence[int]) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if request['fifo']:
         listen(Path(request['fifo']))
+    return str(request['module'])
 
 
 def main() -> int:
-    """Load the module and serve; a fork runs the module's ``main()``, and gives its exit code."""
-    descriptor, module, *prepared = sys.argv[1:]
+    """Load the modules and serve; a fork runs the ``main()`` of its module, and gives its exit code."""
+    descriptor, first, *others = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    load(module)
-    for name in prepared:
+    load(first)
+    gc.disable()  # as `load` does
+    for name in others:
         found = pkgutil.resolve_name(name)
         if callable(found):
             found()
+    gc.freeze()
+    gc.enable()
     with socket.socket(fileno=int(descriptor)) as connection:
         fork = _serve(connection)
     if fork is None:
         return 0
-    _become(*fork)
-    return run_main(module)
+    return run_main(_become(*fork))
 
 
 if __name__ == '__main__':

@@ -31,18 +31,17 @@ PACKAGES: Final[Mapping[str, str]] = {
 }
 """The package of each executable."""
 
-MODULES: Final[Mapping[str, tuple[str, ...]]] = {
-    'simulator': ('flexbt_sim.simulator.node', 'flexbt_sim.world.prepare_world'),
-    'navigation': ('flexbt_sim.nodes.navigation_servers', 'flexbt_sim.navigation.prepare_navigation'),
-    'simulation': (
-        'flexbt_sim.simulation',
-        'flexbt_sim.world.prepare_world',
-        'flexbt_sim.navigation.prepare_navigation',
-    ),
-    'bt_server': ('flexbt_server.node.bt_server',),
-    'onboard_executive': ('flexbt_onboard.node.onboard_executive',),
+MODULES: Final[Mapping[str, str]] = {
+    'simulator': 'flexbt_sim.simulator.node',
+    'navigation': 'flexbt_sim.nodes.navigation_servers',
+    'simulation': 'flexbt_sim.simulation',
+    'bt_server': 'flexbt_server.node.bt_server',
+    'onboard_executive': 'flexbt_onboard.node.onboard_executive',
 }
-"""What the executables that tests start often run, and what these call before they are of use."""
+"""What the executables of a robot run, which tests start often."""
+
+LOADED: Final = (*MODULES.values(), 'flexbt_sim.world.prepare_world', 'flexbt_sim.navigation.prepare_navigation')
+"""What they all are forked from has loaded: the most of it is the same for each."""
 
 LAST_CHARACTERS: Final = 3000
 
@@ -122,8 +121,8 @@ class Stack:
         with self._log(name).open('ab') as log:
             # Modules read some of the environment as they are loaded: with another one, they are loaded anew.
             if self._forked and base in MODULES and environment is None:
-                server = fork_server.fork_server(*MODULES[base])
-                pid = server.start(words, log.fileno(), os.environ, fifo)
+                server = fork_server.fork_server(*LOADED)
+                pid = server.start(words, log.fileno(), os.environ, fifo, module=MODULES[base])
                 self._processes[name] = fork_server.ForkedProcess(server, pid)
                 return
             if fifo is not None:

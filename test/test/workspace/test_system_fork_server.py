@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_testing.system import fork_server, python_process
-from flexbt_testing.system.processes import MODULES, Stack
+from flexbt_testing.system import fork_server, processes, python_process
+from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import wait_until
 
 SLEEPER = """
@@ -52,8 +52,8 @@ def module_of(text: str, directory: Path, monkeypatch: pytest.MonkeyPatch) -> st
 def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The module that the executables NAMES are here."""
     module = module_of(SLEEPER, tmp_path, monkeypatch)
-    for name in NAMES:
-        monkeypatch.setitem(MODULES, name, (module,))
+    monkeypatch.setattr(processes, 'LOADED', (module,))
+    monkeypatch.setattr(processes, 'MODULES', dict.fromkeys(NAMES, module))
     return module
 
 
