@@ -130,12 +130,12 @@ class LivelinessToken:
         self._runtime = runtime
         self._held = runtime.call(lambda: runtime.once('liveliness token', _HeldToken))
 
-    def set_ready(self, is_ready: bool, part: str = '') -> None:
-        """Say whether all that others need of the node exists and works. From any thread.
+    def set_ready(self, is_ready: bool, part: str = '', why: str = '') -> None:
+        """Say whether all that others need of the node exists and works, or why not. From any thread.
 
         A ``part`` of it may say so for itself; the node is ready when all are that have said something.
         """
-        self._held.set_ready(is_ready, part)
+        self._held.set_ready(is_ready, part, why)
 
     def add_name(self, name: str) -> None:
         """Hold a token for the node ``name`` (fully qualified) too, for which this one stands in. From any thread."""
@@ -151,7 +151,7 @@ class _HeldToken:
         self._node = runtime.node
         self._identity = ProcessIdentity.own()
         self._lock = threading.Lock()
-        self._ready = {'': False}  # by part
+        self._unready = {'': ''}  # by part that is not ready: why, for people, if that is known
         self._problem = ''
         self._publishers: dict[str, Any] = {}
         self._said_at = self._watcher_found_at = -math.inf
@@ -179,9 +179,11 @@ class _HeldToken:
             publisher.publish(self._status(name, has_ended=True))
         self._node.destroy_publisher(publisher)
 
-    def set_ready(self, is_ready: bool, part: str) -> None:
+    def set_ready(self, is_ready: bool, part: str, why: str) -> None:
         with self._lock:
-            self._ready[part] = is_ready
+            self._unready.pop(part, None)
+            if not is_ready:
+                self._unready[part] = why
             self._publish()
 
     def _watcher_found(self, _event: Any) -> None:
@@ -199,13 +201,15 @@ class _HeldToken:
                 publisher.publish(self._status(name, has_ended))
 
     def _status(self, name: str, has_ended: bool) -> DiagnosticStatus:
-        level = DiagnosticStatus.OK if all(self._ready.values()) else DiagnosticStatus.WARN
+        level, message = DiagnosticStatus.OK, ''
+        if self._unready:
+            level, message = DiagnosticStatus.WARN, '; '.join(filter(None, self._unready.values()))
         if self._problem:
-            level = DiagnosticStatus.STALE
+            level, message = DiagnosticStatus.STALE, self._problem
         return DiagnosticStatus(
             level=DiagnosticStatus.ERROR if has_ended else level,
             name=name,
-            message=sendable(self._problem)[:_PROBLEM_CHARACTERS],
+            message=sendable(message)[:_PROBLEM_CHARACTERS],
             hardware_id=self._identity.host,
             values=[
                 KeyValue(key=_PID, value=str(self._identity.pid)),
@@ -294,7 +298,7 @@ class LivelinessWatch:
             if not self.alive:
                 return 'it was found, and has not been heard yet'
             return self._token.problem or 'it hangs, was stopped, or its computer is busy'
-        return 'it is starting, or inactive' if self.alive and not self.ready else ''
+        return self._token.why_unready or 'it is starting, or inactive' if self.alive and not self.ready else ''
 
     @property
     def ready(self) -> bool:
@@ -366,6 +370,7 @@ class _SeenToken:
         self._unheard = False  # the middleware has found it, and it has said nothing yet
         self.late_since: float | None = None
         self.says_ready = False
+        self.why_unready = ''
         self.problem = ''
         self.listeners: list[Callable[[], None]] = []
         self._identity: ProcessIdentity | None = None
@@ -410,16 +415,18 @@ class _SeenToken:
             if self.is_there:
                 self._leave()
             return
+        problem = status.message if status.level == DiagnosticStatus.STALE else ''
         now = self._runtime.steady.now()
         if not self.alive and not self._is_asserted:
             self._await_first_word()
-        if not status.message and not self._is_asserted:
+        if not problem and not self._is_asserted:
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
-        if status.message and not self.problem:
+        if problem and not self.problem:
             self._silent_since = now - LEASE_SECONDS
         self._heard_at = now
         self.alive, self._unheard, self._identity = True, False, identity
-        self.says_ready, self.problem = status.level == DiagnosticStatus.OK, status.message
+        self.says_ready, self.problem = status.level == DiagnosticStatus.OK, problem
+        self.why_unready = '' if problem else status.message
         self._review()
 
     def _await_first_word(self) -> None:

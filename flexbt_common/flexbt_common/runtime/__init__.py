@@ -18,7 +18,7 @@ from .received_messages import UNKNOWN_NODE, UNKNOWN_WRITER, Received, ReceivedM
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
-from .simulated_time import HeardTime
+from .simulated_time import HeardTime, hear_of_time_senders
 
 __all__ = [
     'ACTION_CLIENT',
@@ -42,6 +42,7 @@ __all__ = [
     'RosClock',
     'SenderRates',
     'Watched',
+    'hear_of_time_senders',
     'ignore_participant',
     'is_usable',
     'let_go_of_lifecycle',

@@ -4,7 +4,8 @@
 What a process has to keep answering is registered: its executor, the thread of a run, the loop of a simulation. Every
 :data:`PERIOD` the clock's thread asks all of them, and when the last one has answered, that is a *beat*. Whoever tells
 others that the process is alive does so on beats, and so nobody does while any one of those threads hangs, or the
-clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive.
+clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive. After a hang, what
+has waited for the thread is handled before there is a beat again.
 
 A hang is told once, with the stack of the thread that does not answer, and so is its end. That nothing of the process
 ran for a while is told before a thread goes on that has looked (:meth:`Health.look`).
@@ -38,6 +39,11 @@ HANG_SECONDS: Final = 1.0
 OUT_OF_REACH_SECONDS: Final = 2.0
 """A process of which nothing ran for so long may have been given up by others, and by their middleware (after the lease
 of a participant); what was sent to it meanwhile, a cancel too, may be lost, s."""
+
+SETTLE_SECONDS: Final = 0.3
+"""After a hang, or a stop of the whole process, nothing is called alive for so long, s of wall time: a cancel that has
+waited meanwhile goes through the threads of the process, and on to others, before they let go on what it ends. It
+takes a tenth of a second."""
 
 Ping = Callable[[Callable[[], None]], object]
 """Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,
@@ -163,6 +169,7 @@ class Health:
         self._on_hang: list[Callable[[Hang], object]] = []
         self._asked_at = math.inf  # not yet
         self._looked_at = 0.0
+        self._settled_at = -math.inf
         # Held until a pause is told: whoever looks meanwhile goes on after that. Before the other locks.
         self._pausing = threading.RLock()
         self._is_late = False
@@ -269,6 +276,7 @@ class Health:
 
     def _tell_pause(self, seconds: float, stopped: float) -> None:
         """The clock's thread was not there for some seconds, and for ``stopped`` of them no other that looks."""
+        self._settled_at = self._steady.now() + SETTLE_SECONDS
         name = 'the whole process (it was stopped, or its computer is busy)'
         self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))
 
@@ -289,11 +297,15 @@ class Health:
             is_last = not self._missing
         if watched.is_told:
             watched.is_told = False
-            self._tell(Hang(watched.name, self._steady.now() - watched.asked_at, is_over=True))
+            now = self._steady.now()
+            self._settled_at = now + SETTLE_SECONDS
+            self._tell(Hang(watched.name, now - watched.asked_at, is_over=True))
         if is_last:
             self._beat()
 
     def _beat(self) -> None:
+        if self._steady.now() < self._settled_at:
+            return
         self._tell_late('')
         if self._failure:
             return

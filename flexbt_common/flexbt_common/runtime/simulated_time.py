@@ -18,7 +18,9 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from rclpy.clock import ROSClock
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
 
@@ -112,6 +114,20 @@ class HeardTime:
     def all_handled(self) -> None:
         """Whatever had come when :meth:`look` was called."""
         self.handled = self.looked
+
+
+def hear_of_time_senders(node: Node, on_change: Callable[[], object]) -> None:
+    """Have ``on_change`` called on the executor thread, within a second, when somebody who tells the simulated time has
+    come or gone; never where time is not simulated when this is called, on the executor thread.
+    """
+    for subscription in filter(tells_time, node.subscriptions):
+        callbacks = SubscriptionEventCallbacks(matched=lambda _event: on_change(), use_default_callbacks=False)
+        handlers = callbacks.create_event_handlers(
+            subscription.callback_group, subscription.handle, subscription.topic_name
+        )
+        for handler in handlers:
+            subscription.event_handlers.append(handler)  # which ends with it
+            node.add_waitable(handler)
 
 
 def tells_time(subscription: Subscription) -> bool:

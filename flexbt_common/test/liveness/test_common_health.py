@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 from flexbt_common.runtime import Hang, Health
-from flexbt_common.runtime.health import LATE_SECONDS, OUT_OF_REACH_SECONDS, PERIOD
+from flexbt_common.runtime.health import HANG_SECONDS, LATE_SECONDS, OUT_OF_REACH_SECONDS, PERIOD, SETTLE_SECONDS
 from flexbt_core.clock import ManualClock
 
 
@@ -98,3 +98,34 @@ def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
     health.look()
     second.join(60.0)
     assert order == ['told', 'goes on']
+
+
+def test_after_a_hang_what_has_waited_comes_before_the_process_is_called_alive() -> None:
+    """Otherwise what a cancel ends goes on until the cancel was handled: a robot would move once more."""
+    clock = StoppedClock()
+    health = Health(clock)
+    beats: list[float] = []
+    answers: list[Callable[[], None]] = []
+    hangs = False
+
+    def ping(answer: Callable[[], None]) -> None:
+        if hangs:
+            answers.append(answer)
+        else:
+            answer()
+
+    health.register('the executor', ping)
+    health.on_beat(lambda: beats.append(clock.now()))
+    clock.advance(PERIOD)
+    hangs = True
+    clock.advance(HANG_SECONDS + 2.0 * PERIOD)
+    hangs, back = False, clock.now()
+    answers.pop()()
+    clock.advance(SETTLE_SECONDS + 2.0 * PERIOD)
+    assert SETTLE_SECONDS <= min(beat for beat in beats if beat >= back) - back < SETTLE_SECONDS + 2.0 * PERIOD
+
+    count = len(beats)
+    clock.stopped = OUT_OF_REACH_SECONDS
+    health.look()
+    clock.advance(1.5 * PERIOD)  # all have been asked, and have answered
+    assert len(beats) == count

@@ -3,6 +3,7 @@
 
 from .clock import Clock, ManualClock, SteadyClock, Timer
 from .timer_queue import TimerQueue
+from .told_when_late import told_when_late
 from .wake_event import WakeEvent
 
-__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent']
+__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent', 'told_when_late']

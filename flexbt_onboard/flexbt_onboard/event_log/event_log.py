@@ -4,8 +4,8 @@
 A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace; by default in a directory
 for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
 on up to a number of files.
-A thread of its own writes, so that nobody waits for the disk. What cannot be written is told once, and counted. A disk
-that was full leaves a line that is cut off, and an empty one when it goes on.
+A thread of its own writes, so that nobody waits for the disk; that it hangs is told, and events wait. What cannot be
+written is told once, and counted. A disk that was full leaves a line that is cut off, and an empty one when it goes on.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
 ``event``, and what belongs to the event:
@@ -45,6 +45,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_common.values import seconds_of
+from flexbt_core.clock import Clock, told_when_late
 
 if TYPE_CHECKING:
     from flexbt_common.runtime import RosClock
@@ -58,26 +59,31 @@ EVENT_LOG_FILES: Final = 5
 _MOST_WAITING: Final = 20_000
 """Events that may wait for a disk that is slow; more of them are lost, and counted."""
 
+STUCK_SECONDS: Final = 2.0
+"""A disk that takes longer than this for what waits is told."""
+
 _CLOSE_SECONDS: Final = 0.3
 
 
 class EventLog:
     """Appends events to a file; from any thread.
 
-    ``on_problem`` is called on the writing thread: with a text when the file cannot be written, and with '' when it can
-    be again. Without ``file`` nothing is kept.
+    ``on_problem`` is called on the writing thread, or that of ``steady``: with a text when the file cannot be written,
+    and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the time stamps.
     """
 
     def __init__(
         self,
         file: Path | None,
         clock: RosClock,
+        steady: Clock,
         on_problem: Callable[[str], None],
         size: int = EVENT_LOG_SIZE,
         files: int = EVENT_LOG_FILES,
     ) -> None:
         self._file = file
         self._clock = clock
+        self._steady = steady
         self._on_problem = on_problem
         self._size = size
         self._files = files
@@ -130,17 +136,25 @@ class EventLog:
         try:
             text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
             # A line that a full disk has cut off ends here.
-            self._append(('\n' if self._has_problem else '') + text)
+            with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
+                self._append(('\n' if self._has_problem else '') + text)
         except Exception as error:  # not of the disk alone: a value may not let itself be written
             self._lose(lost + len(events))
-            if not self._has_problem:
-                self._has_problem = True
-                kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
-                self._on_problem(f'the event log {self._file} cannot be written: {kind}{error}; going on without it')
+            kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
+            self._tell(f'the event log {self._file} cannot be written: {kind}{error}; going on without it')
             return
-        if self._has_problem:
-            self._has_problem = False
-            self._on_problem('')
+        self._tell('')
+
+    def _tell_stuck(self) -> None:
+        self._tell(
+            f'the event log {self._file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; up to '
+            f'{_MOST_WAITING} events wait for it'
+        )
+
+    def _tell(self, problem: str) -> None:
+        if bool(problem) != self._has_problem:
+            self._has_problem = bool(problem)
+            self._on_problem(problem)
 
     def _lose(self, number: int) -> None:
         with self._lock:

@@ -32,6 +32,7 @@ from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
 from flexbt_onboard.link import (
+    ClockSenders,
     EventStream,
     MotionStop,
     OperatorLink,
@@ -81,6 +82,7 @@ class Executive:
         event_log = EventLog(
             node_file(parameters.event_log_directory, node_name, '.jsonl'),
             runtime.clock,
+            runtime.steady,
             problems.of('event log', ExecutiveLog.WARN),
             parameters.event_log_size,
             parameters.event_log_files,
@@ -102,6 +104,7 @@ class Executive:
             self._peer_late,
             parameters.peer_timeout,
         )
+        self._clock_senders = ClockSenders(runtime, self._link.log, self._status.changed)
         self._pose = RobotPose(runtime, parameters.pose_topic)
         self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
@@ -249,7 +252,7 @@ class Executive:
             self._pose.latest(),
             self._authority,
             self._peers.gone(),
-            '; '.join(filter(None, [self._admission.refusal, self._problems.text])),
+            '; '.join(filter(None, [self._admission.refusal, self._problems.text, self._clock_senders.problem])),
         )
 
     def _storage_changed(self) -> None:

@@ -44,7 +44,7 @@ class UnconfiguredExecutive:
         self._status = StatusPublisher(runtime, self._publish, heartbeat_period)
         problems = StorageProblems(self._link.log)
         journal = RunJournal('', '', problems.of('journal', ExecutiveLog.ERROR), runtime.steady)
-        event_log = EventLog(None, runtime.clock, problems.of('event log', ExecutiveLog.WARN))
+        event_log = EventLog(None, runtime.clock, runtime.steady, problems.of('event log', ExecutiveLog.WARN))
         report = Reporter(self._link.log, event_log)
         self._ledger = CommandLedger(runtime, self, journal, report, self._status.changed)
         self._link.listen(self._ledger.receive)

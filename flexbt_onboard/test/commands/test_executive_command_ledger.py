@@ -35,7 +35,7 @@ class Books:
         self.journal = RunJournal(directory, '/executive', self.told.append, SteadyClock())
         clock: Any = SimpleNamespace(stamp=None)
         report = Reporter(
-            lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, print)
+            lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, clock, print)
         )
         runtime: Any = SimpleNamespace(post=self._post)
         self.ledger = CommandLedger(

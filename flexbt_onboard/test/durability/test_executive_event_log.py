@@ -151,7 +151,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 with NodeRuntime.open('full') as runtime:
     problems = []
-    log = EventLog(Path(sys.argv[1]), runtime.clock, problems.append)
+    log = EventLog(Path(sys.argv[1]), runtime.clock, runtime.steady, problems.append)
     for number in range(200):
         log.add('number', number=number)
     log.close()
@@ -176,7 +176,7 @@ def test_a_value_that_cannot_be_written_is_told_and_does_not_end_the_log(tmp_pat
     problems: list[str] = []
     file = tmp_path / 'r.jsonl'
     with NodeRuntime.open('odd') as runtime:
-        log = EventLog(file, runtime.clock, problems.append)
+        log = EventLog(file, runtime.clock, runtime.steady, problems.append)
         log.add('odd', value=Unwritable())
         wait_until(lambda: len(problems) == 1, 'the problem')
         log.add('next')
@@ -189,7 +189,7 @@ def test_a_value_that_cannot_be_written_is_told_and_does_not_end_the_log(tmp_pat
 def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:
     file = tmp_path / 'r.jsonl'
     with NodeRuntime.open('rotating') as runtime:
-        log = EventLog(file, runtime.clock, lambda _text: None, size=2000, files=3)
+        log = EventLog(file, runtime.clock, runtime.steady, lambda _text: None, size=2000, files=3)
         for number in range(300):
             log.add('number', number=number)
             wait_until(lambda: log._queue.qsize() < 5, 'written')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import threading
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.durability import JournalState, journal, read_journal
+from flexbt_onboard.event_log import EventLog, event_log
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
@@ -156,3 +158,31 @@ def test_a_disk_that_hangs_does_not_hold_up_a_stop(bench: ExecutiveBench, disk: 
     wait_until(lambda: bench.executive.runs.run is None, 'end of the run')
     disk.goes.set()
     assert bench.wait_idle() == 'preempted'
+
+
+def test_an_event_log_that_hangs_is_told_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    goes = threading.Event()
+    append = EventLog._append
+
+    def hang(*arguments: Any) -> None:
+        assert goes.wait(60.0)
+        append(*arguments)
+
+    monkeypatch.setattr(EventLog, '_append', hang)
+    monkeypatch.setattr(event_log, 'STUCK_SECONDS', 0.1)
+    parameters = ExecutiveParameters(peers=(), event_log_directory=str(tmp_path))
+    bench = ExecutiveBench(behavior_of(waiting), parameters=parameters)
+    try:
+        bench.start()
+        bench.wait_active('/A')
+        bench.logged('does not answer')
+        bench.applied(C.STOP)
+        assert bench.wait_idle() == 'preempted'
+        goes.set()
+        bench.logged('the event log is written again')
+    finally:
+        goes.set()
+        bench.close()
+    events = [json.loads(line)['event'] for line in next(tmp_path.rglob('*.jsonl')).read_text().splitlines()]
+    assert events.index('started') < events.index('command', events.index('entered')) < events.index('ended')
+    assert 'lost' not in events

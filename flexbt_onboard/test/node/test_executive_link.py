@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -17,7 +18,9 @@ from statistics import median
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
@@ -36,7 +39,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PlaceList,
 )
-from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
+from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher, clock_senders
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
@@ -98,6 +101,31 @@ def test_before_the_first_clock_message_everything_works_in_wall_time(make_bench
     bench.wait_active('/A')
     bench.applied(ExecutiveCommand.STOP)
     assert bench.wait_idle() == 'preempted'
+
+
+def tell_time(runtime: NodeRuntime) -> None:
+    """Publish on /clock until the runtime ends."""
+    publisher = runtime.call(lambda: runtime.node.create_publisher(Clock, names.CLOCK, 1))
+
+    def publish() -> None:
+        publisher.publish(Clock(clock=Time(sec=5)))
+        runtime.steady.call_at(runtime.steady.now() + 0.05, publish)
+
+    publish()
+
+
+def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clock_senders, 'LISTEN_SECONDS', 0.3)
+    monkeypatch.setattr(clock_senders, 'PAUSE_SECONDS', 0.1)
+    bench = make_bench(
+        ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
+    )
+    with contextlib.ExitStack() as stack:
+        for name in ('simulator', 'bag'):
+            tell_time(stack.enter_context(NodeRuntime.open(name)))
+        bench.wait_for(lambda status: '2 publishers of /clock (/bag, /simulator)' in status.message, 'who they are')
+    bench.wait_for(lambda status: not status.message, 'the end of it')
+    assert bench.logged('ROS_DOMAIN_ID').severity == ExecutiveLog.WARN
 
 
 def test_a_late_console_has_the_whole_picture(make_bench: Make, tmp_path: Path) -> None:

@@ -6,19 +6,22 @@ All of this happens on the executor thread; runs and file reading have threads o
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final, Protocol
 
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.calls import ServedGoal
+from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import Hang, NodeRuntime
 from flexbt_core.behavior_tree import TickCommand
+from flexbt_core.clock import told_when_late
 from flexbt_core.errors import FlexbtError
 from flexbt_core.monitors import Monitoring
-from flexbt_core.values import sendable
+from flexbt_core.values import sendable, shown
 from flexbt_msgs.action import BtExecute
 from flexbt_server.leaves import LeafServices
 from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeStream, watched_by
@@ -35,6 +38,12 @@ MESSAGE_LIMIT: Final = 10_000
 RETURN_SECONDS: Final = 3.5
 """How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
 have said what they want. By default, Fast DDS sends again after 3 s what was lost in full queues."""
+
+READ_SECONDS: Final = 5.0
+"""The server is not ready while it takes longer than this to find the tree of a goal, s: its disk may not answer."""
+
+_FILES: Final = 'files'
+"""The part of the server that is not ready then."""
 
 _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
@@ -101,6 +110,7 @@ class TreeGoals:
         self._no_goals = threading.Event()
         self._no_goals.set()
         self._returned = ''
+        self._token = LivelinessToken(runtime)
         runtime.health.on_hang(self._after_hang)
 
     @property
@@ -204,8 +214,9 @@ class TreeGoals:
     def _look_for_tree(self, goal: TreeGoal) -> None:
         def read() -> None:
             try:
-                values = goal.read()
-                found = self._store.find(goal.tree)
+                with self._told_when_stuck(goal.tree):
+                    values = goal.read()
+                    found = self._store.find(goal.tree)
             except FlexbtError as error:
                 reason = str(error)
                 self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, reason)))
@@ -216,6 +227,24 @@ class TreeGoals:
                 self._runtime.post(lambda: self.guard(goal, lambda: self._found(goal, found, values)))
 
         self._reader.submit(read)
+
+    @contextlib.contextmanager
+    def _told_when_stuck(self, tree: str) -> Iterator[None]:
+        is_stuck = False
+
+        def tell() -> None:
+            nonlocal is_stuck
+            is_stuck = True
+            why = f'tree {shown(tree)} was not read within {READ_SECONDS:g} s, goals wait: does the disk answer?'
+            self._runtime.node.get_logger().warning(why)
+            self._token.set_ready(False, _FILES, why)
+
+        try:
+            with told_when_late(self._runtime.steady, READ_SECONDS, tell):
+                yield
+        finally:
+            if is_stuck:
+                self._token.set_ready(True, _FILES)
 
     def guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
         """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
@@ -232,17 +261,15 @@ class TreeGoals:
         return sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
 
     def _found(self, goal: TreeGoal, found: FoundTree, values: list[Value]) -> None:
+        if not goal.served.active:
+            return  # it was stopped while the file was read
         goal.found, goal.values, goal.notice = found, values, found.notice
         if goal.notice:
             self._runtime.node.get_logger().warning(f'tree {found.key.id!r}: {goal.notice}')
-        if goal.stop_reason is None:  # it may have been canceled while the file was read
-            goal.when_ready(lambda: self.guard(goal, lambda: self._begin(goal, found)))
-        else:
-            self._begin(goal, found)
+        goal.when_ready(lambda: self.guard(goal, lambda: self._begin(goal, found)))
 
     def _begin(self, goal: TreeGoal, found: FoundTree) -> None:
-        if goal.stop_reason is not None:
-            self.end(goal, RunOutcome(Result.CANCELED, goal.stop_reason))
+        if not goal.served.active:
             return
         if goal.owner:
             self.owners.watch(goal.owner, goal, lambda reason: self.stop(goal, reason), lambda: self._hold(goal))
@@ -320,9 +347,9 @@ class TreeGoals:
         """Stop what is done for a goal; within so many seconds of wall time, by default the cancel timeout."""
         if goal.stop_reason is None:
             goal.stop_reason = reason
-        if goal.running is None:
-            return  # its tree is being looked for; see _begin
-        if goal.running.goal is goal:
+        if goal.running is None:  # its tree is being looked for, on a disk that may not answer
+            self.end(goal, RunOutcome(Result.CANCELED, reason))
+        elif goal.running.goal is goal:
             goal.running.run.stop(goal, reason, within)
         elif goal.running.run.withdraw(goal):
             self.end(goal, RunOutcome(Result.CANCELED, reason))

@@ -42,8 +42,8 @@ class LogWriter:
     """Writes the transitions of one run into a file.
 
     The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
-    given, in order, at once or on another thread. An error of the file system is told to ``on_error``, once, and ends
-    the log.
+    given, in order, at once or on another thread; it may give a text instead: why it does not. That, and an error of
+    the file system, is told to ``on_error``, once, and ends the log.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class LogWriter:
         start: int,
         epoch: float,
         *,
-        write: Callable[[Step], object] = lambda step: step(),
+        write: Callable[[Step], str | None] = lambda step: step(),
         on_error: Callable[[str], None],
     ) -> None:
         """Begins the file. ``log`` is timed; ``start`` is the time of the beginning on its clock, ns, and ``epoch``
@@ -70,13 +70,22 @@ class LogWriter:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
         else:
             header = _header(tree, epoch)  # at once: when it is written the tree may have other nodes
-            write(lambda: self._store('wb', header))
+            self._hand_over(lambda: self._store('wb', header))
 
     def flush(self) -> None:
         """Hands over what was logged. On the thread that ticks the tree."""
         marks = self._log.take()
         if marks and not self._ended:
-            self._write(lambda: self._store('ab', self._records(marks)))
+            self._hand_over(lambda: self._store('ab', self._records(marks)))
+
+    def _hand_over(self, step: Step) -> None:
+        refusal = self._write(step)
+        if refusal:
+            self._end(refusal)
+
+    def _end(self, why: object) -> None:
+        self._ended = True
+        self._on_error(f'{self._path}: the log of this run ends here: {why}')
 
     def _records(self, marks: list[int]) -> bytes:
         return b''.join(
@@ -92,8 +101,7 @@ class LogWriter:
             with self._path.open(mode) as file:
                 file.write(data)
         except OSError as error:
-            self._ended = True
-            self._on_error(f'{self._path}: the log of this run ends here: {error}')
+            self._end(error)
 
 
 def _change(uid: int, before: int, after: int) -> tuple[int, int]:

@@ -138,7 +138,7 @@ class Navigators:
             self._look = None
         while self._waiting:
             goal, go_on, deadline = self._waiting[0]
-            if goal.served.active and goal.stop_reason is None and self._has_to_wait(goal, deadline):
+            if goal.served.active and self._has_to_wait(goal, deadline):
                 steady = self._runtime.steady
                 self._look = steady.call_at(steady.now() + LOOK_SECONDS, lambda: self._runtime.post(self._proceed))
                 return
@@ -163,25 +163,24 @@ class Navigators:
         ]
 
     def _begin(self, goal: NavigatorGoal, go_on: Callable[[], None]) -> None:
-        if goal.stop_reason is None:
-            in_the_way = self._in_the_way(goal)
-            if self._goals.pose is None:
-                goal.problem = 'TF_ERROR'
-                self._refuse(goal, 'the pose of the robot is not known: nothing is published on its topic')
-                return
-            if in_the_way:
-                other = in_the_way[0]
-                assert other.found is not None
-                self._refuse(
-                    goal,
-                    f'{other.navigator.name} drives the robot, by tree {other.found.key.id!r} of '
-                    f'{other.found.key.file}; cancel it first, or let it end: only a goal for the same navigator and '
-                    'tree can take over',
-                )
-                return
-            goal.begin()
-            self._at_work.append(goal)
-            goal.on_ended = lambda: self._ended(goal)
+        in_the_way = self._in_the_way(goal)
+        if self._goals.pose is None:
+            goal.problem = 'TF_ERROR'
+            self._refuse(goal, 'the pose of the robot is not known: nothing is published on its topic')
+            return
+        if in_the_way:
+            other = in_the_way[0]
+            assert other.found is not None
+            self._refuse(
+                goal,
+                f'{other.navigator.name} drives the robot, by tree {other.found.key.id!r} of '
+                f'{other.found.key.file}; cancel it first, or let it end: only a goal for the same navigator and '
+                'tree can take over',
+            )
+            return
+        goal.begin()
+        self._at_work.append(goal)
+        goal.on_ended = lambda: self._ended(goal)
         go_on()
 
     def _ended(self, goal: NavigatorGoal) -> None:

@@ -7,6 +7,7 @@ A file has the nodes with which it begins: a run that gets others goes on in ano
 from __future__ import annotations
 
 import re
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from typing import Final
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
+from flexbt_core.clock import told_when_late
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2 import SUFFIX, LogBuffer, LogWriter
 
@@ -25,6 +27,14 @@ from .tree_observer import TreeObserver
 _OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
 _UNFIT: Final = re.compile(r'[^\w.-]')
 _NAME_LIMIT: Final = 80
+
+MOST_WAITING: Final = 10_000
+"""Rounds of ticks that wait for the disk, at most: the log of a run that has more ends."""
+
+STUCK_SECONDS: Final = 2.0
+"""A disk that takes longer than this for one of them is told."""
+
+_CLOSE_SECONDS: Final = 1.0
 
 
 class RunLogs:
@@ -38,9 +48,12 @@ class RunLogs:
             raise ServerParameterError(f"parameter 'btlog_directory': {directory}: {error.strerror}") from error
         self._directory = directory
         self._keep = keep
+        self._steady = runtime.steady
         self._error = runtime.node.get_logger().error
+        self._waiting = 0
+        self._lock = threading.Lock()
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='btlog')
-        runtime.on_close(self._writer.shutdown)
+        runtime.on_close(self._close)
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
         """Watches one run."""
@@ -52,9 +65,39 @@ class RunLogs:
         started = datetime.fromtimestamp(epoch, UTC)
         name = _UNFIT.sub('_', tree.key.id)[:_NAME_LIMIT]
         path = self._directory / f'{started:%Y%m%dT%H%M%S.%fZ}_{name}_{run_id[:8]}{SUFFIX}'
-        log = LogWriter(path, tree, marks, start, epoch, write=self._writer.submit, on_error=self._error)
-        self._writer.submit(self._prune)
+        log = LogWriter(path, tree, marks, start, epoch, write=self._write, on_error=self._error)
+        self._write(self._prune)
         return log
+
+    def _write(self, step: Callable[[], None]) -> str:
+        """Have a step done; gives why it is not, or ''."""
+        with self._lock:
+            if self._waiting >= MOST_WAITING:
+                return f'the disk does not answer, and {MOST_WAITING} rounds wait for it'
+            self._waiting += 1
+        self._writer.submit(self._do, step)
+        return ''
+
+    def _do(self, step: Callable[[], None]) -> None:
+        try:
+            with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
+                step()
+        finally:
+            with self._lock:
+                self._waiting -= 1
+
+    def _tell_stuck(self) -> None:
+        self._error(
+            f'{self._directory}: nothing has been written for {STUCK_SECONDS:g} s, the disk does not answer; the logs '
+            f'of trees wait for it, up to {MOST_WAITING} rounds'
+        )
+
+    def _close(self) -> None:
+        """Have what waits written, for a limited time."""
+        is_done = threading.Event()
+        self._writer.submit(is_done.set)
+        is_done.wait(_CLOSE_SECONDS)
+        self._writer.shutdown(wait=False, cancel_futures=True)
 
     def _prune(self) -> None:
         try:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,9 +21,10 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
-from flexbt_server.groot2 import read_log
+from flexbt_server.groot2 import LogWriter, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.node import BtServer
+from flexbt_server.runs import run_logs
 from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.system.free_ports import free_pair
 from flexbt_testing.waiting import uncontended_time, wait_until
@@ -143,6 +146,38 @@ def test_every_run_has_a_log_file(tmp_path: Path) -> None:
         assert [entry.after.name for entry in log.transitions if entry.uid == 1] == ['RUNNING', 'SUCCESS', 'IDLE']
         assert log.nodes[3] == ('stop here', 'AlwaysSuccess')
         assert abs(log.epoch - time.time()) < 600.0
+
+
+def test_a_disk_that_hangs_is_told_and_holds_up_no_tree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    goes, hangs = threading.Event(), threading.Event()
+    store = LogWriter._store
+
+    def hang(*arguments: Any) -> None:
+        hangs.set()
+        assert goes.wait(60.0)
+        store(*arguments)
+
+    monkeypatch.setattr(LogWriter, '_store', hang)
+    monkeypatch.setattr(run_logs, 'STUCK_SECONDS', 0.1)
+    monkeypatch.setattr(run_logs, 'MOST_WAITING', 10)
+    told = ''
+
+    def is_told(text: str) -> bool:
+        nonlocal told
+        told += capfd.readouterr().err
+        return text in told
+
+    with open_world(btlog_directory=str(tmp_path)) as world:
+        world.client.load_tree(BODY, 'Logged')
+        for _ in range(6):
+            assert world.client.execute('Logged').wait().status is GoalStatus.SUCCEEDED
+        assert hangs.is_set()
+        ends = f'the log of this run ends here: the disk does not answer, and {run_logs.MOST_WAITING}'
+        for text in ('the disk does not answer; the logs of trees wait', ends):
+            wait_until(functools.partial(is_told, text), text)
+        goes.set()
 
 
 def test_parameters_that_cannot_work_are_refused(tmp_path: Path) -> None:

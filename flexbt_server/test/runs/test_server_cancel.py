@@ -9,6 +9,7 @@ from __future__ import annotations
 import collections
 import os
 import random
+import threading
 import time
 from collections.abc import Iterator
 
@@ -16,7 +17,10 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_msgs.action import BtExecute
+from flexbt_server.goals import tree_goals
+from flexbt_server.trees import FoundTree, TreeStore
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world
@@ -76,6 +80,34 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
     print(f'\n{CANCELS} cancels, none left a leaf running; slowest {slowest * 1000:.0f} ms; {dict(places)}')
     assert places['not accepted yet'] and places['accepted'], 'the cancels came at different moments'
     assert slowest < 2.0
+
+
+def test_a_goal_is_canceled_while_its_tree_is_read_from_a_disk_that_hangs(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes, hangs = threading.Event(), threading.Event()
+    find = TreeStore.find
+
+    def hang(store: TreeStore, name: str) -> FoundTree:
+        hangs.set()
+        assert goes.wait(60.0)
+        return find(store, name)
+
+    monkeypatch.setattr(tree_goals, 'READ_SECONDS', 0.1)
+    watch = LivelinessWatch(world.client.runtime, 'bt_server')
+    LivelinessToken(world.server_runtime).set_ready(True)
+    world.client.load_tree('<Runs ms="60000"/>')
+    monkeypatch.setattr(TreeStore, 'find', hang)
+    goal = world.client.execute()
+    assert hangs.wait(DEADLINE)
+    wait_until(lambda: 'does the disk answer?' in watch.problem, 'why the server is not ready')
+    goal.call.cancel(DEADLINE)
+    assert goal.wait().status is GoalStatus.CANCELED
+    later = world.client.execute()
+    goes.set()
+    wait_until(lambda: len(tree_threads()) == 1 and watch.ready, 'the tree of the other goal')
+    later.call.cancel(DEADLINE)
+    assert later.wait().status is GoalStatus.CANCELED
 
 
 def test_no_goal_is_taken_over_by_an_older_one(world: World) -> None:

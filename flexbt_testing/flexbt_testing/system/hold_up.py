@@ -5,11 +5,13 @@ Usage: python -m flexbt_testing.system.hold_up FIFO EXECUTABLE [ARGUMENT ...]
 
 A line that is written to FIFO names a method that the thread calls again and again, and seconds:
 ``flexbt_common.runtime.NodeRuntime._run_posted 3.0``. Its next call takes so much longer. The interpreter goes on, and
-with it all other threads of the process: a stopped process (SIGSTOP) is another case.
+with it all other threads of the process: a stopped process (SIGSTOP) is another case. ``interpreter 3.0`` has the whole
+interpreter hang, as a collection of garbage or a call of C does that keeps the GIL, while the middleware goes on.
 """
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import runpy
 import sys
@@ -33,6 +35,9 @@ WORLD = 'flexbt_sim.simulator.node.Simulator._step'
 CLOCK = 'flexbt_common.runtime.health.Health._ask'
 """Called by the thread of the wall's clock, which keeps all deadlines of a process, some times a second."""
 
+INTERPRETER = 'interpreter'
+"""Instead of a method."""
+
 THREADS = {
     'bt_server': {'executor': EXECUTOR, 'tree': TREE, 'clock': CLOCK},
     'navigation': {'executor': EXECUTOR},
@@ -45,6 +50,9 @@ With the clocks of navigation and simulator it drives on, and stops when it is t
 
 def hold_up(method: str, seconds: float) -> None:
     """Have the next call of a method, by its qualified name, take so much longer."""
+    if method == INTERPRETER:
+        ctypes.PyDLL(None).poll(None, 0, round(1000.0 * seconds))  # a call by PyDLL keeps the GIL
+        return
     path, _, name = method.rpartition('.')
     module, _, class_name = path.rpartition('.')
     owner = getattr(importlib.import_module(module), class_name)
