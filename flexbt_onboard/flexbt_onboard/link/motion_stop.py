@@ -38,7 +38,8 @@ MOTION_ACTIONS: Final = (
 """Actions of Nav2 that move the robot, by their default names."""
 
 FRONT_ACTIONS: Final = frozenset({'navigate_to_pose', 'navigate_through_poses', 'follow_waypoints'})
-"""Those of them by which other programs send the robot somewhere, each through servers of the others."""
+"""Those of them by which other programs send the robot somewhere, each through servers of the others. They are asked
+first: one whose own goal was taken away by somebody else has failed, and was not canceled."""
 
 _STATUS_BYTES: Final = 1_000_000
 """The goals of a server are told in at most so many bytes: 35,000 of them."""
@@ -48,6 +49,9 @@ _PERIOD: Final = 0.05
 
 _CANCEL_PERIODS: Final = 10
 """From one cancel of all goals to the next, in these periods."""
+
+_FRONT_PERIODS: Final = 4
+"""For so long the others wait for the answers of those in front; zero velocity is commanded meanwhile."""
 
 _LEAST_SECONDS: Final = 1.0
 """Zero velocity is commanded for so long at least, and again when the robot moves."""
@@ -88,6 +92,7 @@ class MotionStop:
         self._busy: dict[str, set[bytes]] = {}  # by action: the writers who have told of a goal that goes on
         self._timer: Timer | None = None
         self._round = 0
+        self._is_rest_asked = True
         self._zero_until = 0.0
         self._seen = Pose()
         self._seen_at = -math.inf
@@ -118,9 +123,7 @@ class MotionStop:
 
     def cancel_others(self) -> None:
         """Cancel what other programs have sent the robot to do, once."""
-        for name in self._servers():
-            if name in FRONT_ACTIONS:
-                self._cancel_all(name)
+        self._cancel_all_of(in_front=True)
 
     def release(self) -> None:
         """The robot may move again."""
@@ -131,9 +134,13 @@ class MotionStop:
     def _act(self) -> None:
         steady = self._runtime.steady
         self._timer = steady.call_at(steady.now() + _PERIOD, lambda: self._runtime.post(self._act_again))
-        if self._round % _CANCEL_PERIODS == 0:
-            for name in self._servers():
-                self._cancel_all(name)
+        since = self._round % _CANCEL_PERIODS
+        if since == 0:
+            self._cancel_all_of(in_front=True)
+            self._is_rest_asked = False
+        if not self._is_rest_asked and (since >= _FRONT_PERIODS or FRONT_ACTIONS.isdisjoint(self._asked)):
+            self._cancel_all_of(in_front=False)
+            self._is_rest_asked = True
         self._round += 1
         if self._moves() or steady.now() < self._zero_until:
             self._command_zero()
@@ -171,6 +178,11 @@ class MotionStop:
         node = self._runtime.node
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
+
+    def _cancel_all_of(self, *, in_front: bool) -> None:
+        for name in self._servers():
+            if (name in FRONT_ACTIONS) is in_front:
+                self._cancel_all(name)
 
     def _cancel_all(self, name: str) -> None:
         self._listen(name)

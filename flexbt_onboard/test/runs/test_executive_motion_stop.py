@@ -11,16 +11,20 @@ from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, Twist
 from nav2_msgs.action import NavigateToPose, Spin
 from rclpy.action import CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, SentGoal, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.link import MOTION_ACTIONS, MotionStop
+from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
+
+FRONT = 'navigate_to_pose'
 
 
 class Robot:
@@ -29,20 +33,25 @@ class Robot:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.runtime = runtime
         self.asked: list[str] = []
+        self.front_answers = Future()
+        self.front_answers.set_result(None)
         self.commands: list[Twist] = []
         runtime.call(self._open)
 
     def _open(self) -> None:
         node = self.runtime.node
         node.create_subscription(Twist, names.CMD_VEL, self.commands.append, 10)
-        for action in ('follow_path', 'navigate_to_pose', 'drill'):
-            node.create_service(CancelGoal, f'{action}/_action/cancel_goal', self._answer(action))
+        for action in ('follow_path', FRONT, 'drill'):
+            service, group = f'{action}/_action/cancel_goal', ReentrantCallbackGroup()
+            node.create_service(CancelGoal, service, self._answer(action), callback_group=group)
 
     def _answer(self, action: str) -> Callable[[Any, Any], Any]:
-        def answer(request: Any, response: Any) -> Any:
+        async def answer(request: Any, response: Any) -> Any:
             assert not any(request.goal_info.goal_id.uuid)
             assert request.goal_info.stamp.sec == request.goal_info.stamp.nanosec == 0
             self.asked.append(action)
+            if action == FRONT:
+                await self.front_answers
             return response
 
         return answer
@@ -100,6 +109,34 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 1.0
         silence(robot)
         assert len(robot.commands) == count
+
+
+def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for_a_moment_only(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.front_answers = Future()
+    with NodeRuntime.open('executive') as runtime:
+        stop = runtime.call(
+            lambda: MotionStop(
+                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+            )
+        )
+        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+        with monkeypatch.context() as patched:
+            patched.setattr(motion_stop, '_FRONT_PERIODS', 1_000_000)
+            runtime.call(stop.hold)
+            wait_until(lambda: len(robot.commands) > 5, 'zero velocity meanwhile')
+            wait_until(lambda: robot.asked, 'the cancel')
+            assert set(robot.asked) == {FRONT}
+            robot.runtime.call(lambda: robot.front_answers.set_result(None))
+            wait_until(lambda: 'follow_path' in robot.asked, 'the other one, as soon as it is answered')
+        runtime.call(stop.release)
+        robot.front_answers = Future()
+        robot.asked.clear()
+        runtime.call(stop.hold)
+        wait_until(lambda: set(robot.asked) == {FRONT, 'follow_path'}, 'the other one, although it is not answered')
+        runtime.call(stop.release)
+        robot.runtime.call(lambda: robot.front_answers.set_result(None))
 
 
 def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:
