@@ -25,7 +25,7 @@ from nav2_msgs.action import ComputePathToPose, FollowPath
 from simulation_interfaces.srv import GetEntityState
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceCall, ServiceLinks
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.system.processes import Stack
 
@@ -66,12 +66,9 @@ class Client:
 
     def now(self) -> float:
         """Simulated time, s."""
-        answers: list[Any] = []
         request = GetEntityState.Request(entity=self._entity)
-        ServiceCall(self._clock, request, on_done=answers.append, server_timeout=DEADLINE, response_timeout=DEADLINE)
-        while not answers:
-            time.sleep(0.001)
-        stamp = answers[0].response.state.header.stamp
+        response: Any = service_outcome(self._clock, request, DEADLINE).response
+        stamp = response.state.header.stamp
         return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 

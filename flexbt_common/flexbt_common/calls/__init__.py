@@ -5,7 +5,7 @@ from .action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome,
 from .goal_admission import GoalAdmission
 from .goal_server import GoalFault, GoalServer, ServedGoal, goal_servers, set_error
 from .sent_goal import SentGoal
-from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome, service_outcome
 
 __all__ = [
     'ActionCall',
@@ -23,5 +23,6 @@ __all__ = [
     'ServiceLinks',
     'ServiceOutcome',
     'goal_servers',
+    'service_outcome',
     'set_error',
 ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,6 +18,9 @@ _APPEAR_PERIOD: Final = 0.05
 _SETTLE: Final = 0.1
 """Seconds between the discovery of a service and the first request: the response to an earlier one may be lost,
 because the service does not know this client yet."""
+
+_LATE: Final = 1.0
+"""Seconds by which the executor may be late to say that there is no response."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,20 @@ class ServiceLink:
     def __str__(self) -> str:
         package, kind, *_ = self.service_type.__module__.split('.')
         return f'{self.name!r} ({package}/{kind}/{self.service_type.__name__})'
+
+
+def service_outcome(link: ServiceLink, request: Any, timeout: float) -> ServiceOutcome:
+    """Send a request, and wait for its outcome. Not on the executor thread.
+
+    ``timeout`` in seconds of wall time: for the service to appear, and once more for the response.
+    """
+    done: Future[ServiceOutcome] = Future()
+    call = ServiceCall(link, request, on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)
+    try:
+        return done.result(2.0 * timeout + _LATE)
+    except TimeoutError:
+        call.cancel()
+        return ServiceOutcome(None, f'the executor of {link.runtime.name} does not get to the request to {link}')
 
 
 class ServiceLinks(Links[ServiceLink]):

@@ -12,7 +12,15 @@ import pytest
 from nav2_msgs.action import Wait
 from std_srvs.srv import SetBool, Trigger
 
-from flexbt_common.calls import ActionCall, ActionLinks, ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import (
+    ActionCall,
+    ActionLinks,
+    ServiceCall,
+    ServiceLink,
+    ServiceLinks,
+    ServiceOutcome,
+    service_outcome,
+)
 from flexbt_common.runtime import NodeRuntime
 
 DEADLINE = 60.0
@@ -44,6 +52,7 @@ def test_a_response(link: ServiceLink) -> None:
         outcome = outcomes.get(timeout=DEADLINE)
         assert outcome.response is not None and outcome.response.message == 'fine'
         assert call.done and call.outcome is outcome
+        assert service_outcome(link, Trigger.Request(), DEADLINE).response == outcome.response
 
 
 def test_no_service(link: ServiceLink) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import Future
 from typing import Any, Final
 
-from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import NoAnswerError, RefusedError
 
@@ -71,11 +70,8 @@ class SimulatorLink:
     def _answer(self, type: Any, name: str, request: Any, timeout: float, *accepted: int) -> Any:
         if not self._found:
             raise RefusedError('there is no simulator that serves simulation_interfaces')
-        done: Future[ServiceOutcome] = Future()
-        service = f'{self._found.rpartition("/")[0]}/{name}'
-        link = self._links.link(type, service)
-        ServiceCall(link, request, on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)
-        outcome = done.result()  # it always ends
+        link = self._links.link(type, f'{self._found.rpartition("/")[0]}/{name}')
+        outcome = service_outcome(link, request, timeout)
         if outcome.response is None:
             raise NoAnswerError(outcome.reason)
         result = outcome.response.result

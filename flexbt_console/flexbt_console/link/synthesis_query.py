@@ -10,7 +10,7 @@ from concurrent.futures import Future, InvalidStateError
 from typing import Any, Final
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError
 from flexbt_console.mirror import LIVENESS, Synthesis, SynthesisRequest
@@ -93,14 +93,9 @@ class SynthesisQuery:
 
     def _cancel_all(self, timeout: float) -> int:
         """The console that asked may be gone: a request without an ID and a time is for all goals of an action."""
-        done: Future[ServiceOutcome] = Future()
         service: Any = SynthesizeBehavior.Impl.CancelGoalService
         link = ServiceLinks(self._runtime).link(service, f'{self._name}/_action/cancel_goal')
-        ServiceCall(link, service.Request(), on_done=done.set_result, server_timeout=timeout, response_timeout=timeout)
-        try:
-            outcome = done.result(2.0 * timeout + 1.0)
-        except TimeoutError:
-            raise NoAnswerError(f'the executive did not answer within {timeout:g} s') from None
+        outcome = service_outcome(link, service.Request(), timeout)
         if outcome.response is None:
             raise NoAnswerError(outcome.reason)
         return len(outcome.response.goals_canceling)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,7 +15,7 @@ from simulation_interfaces.msg import Result
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
-from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.world import ObstacleModel, Pose, box
 
@@ -102,17 +101,8 @@ class Simulation:
 
 def call_service(runtime: NodeRuntime, service_type: Any, name: str, request: Any) -> Any:
     """The response of a service. Raises DemoError when there is none in time."""
-    outcomes: list[ServiceOutcome] = []
-    done = threading.Event()
-
-    def on_done(outcome: ServiceOutcome) -> None:
-        outcomes.append(outcome)
-        done.set()
-
-    link: Any = ServiceLinks(runtime).link(service_type, name)
-    ServiceCall(link, request, on_done=on_done, server_timeout=ANSWER_TIMEOUT_S, response_timeout=ANSWER_TIMEOUT_S)
-    done.wait()
-    response = outcomes[0].response
-    if response is None:
-        raise DemoError(f'the service {name}: {outcomes[0].reason}')
-    return response
+    links = runtime.call(lambda: runtime.once('links to services', ServiceLinks))
+    outcome = service_outcome(links.link(service_type, name), request, ANSWER_TIMEOUT_S)
+    if outcome.response is None:
+        raise DemoError(f'the service {name}: {outcome.reason}')
+    return outcome.response

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, ServiceCall, ServiceLinks
+from flexbt_common.calls import ActionCall, ActionLinks, ServiceLinks, service_outcome
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
@@ -73,12 +73,10 @@ class SynthesisBench(ExecutiveBench):
 
     def cancel_all(self) -> int:
         """What a console asks for that asked for nothing itself; how many searches are canceled."""
-        done: Future[Any] = Future()
         service: Any = SynthesizeBehavior.Impl.CancelGoalService
         link = ServiceLinks(self.console).link(service, f'{names.SYNTHESIZE_BEHAVIOR}/_action/cancel_goal')
-        request = service.Request()
-        ServiceCall(link, request, on_done=done.set_result, server_timeout=DEADLINE, response_timeout=DEADLINE)
-        return len(done.result(2.0 * DEADLINE).response.goals_canceling)
+        response: Any = service_outcome(link, service.Request(), DEADLINE).response
+        return len(response.goals_canceling)
 
     def made(self, **fields: Any) -> Any:
         result = self.ask(**fields)[1].result(DEADLINE).result

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,7 +12,7 @@ from nav_msgs.msg import Goals, Odometry
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import SentGoal, ServiceCall, ServiceLinks
+from flexbt_common.calls import SentGoal, ServiceLinks, service_outcome
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
@@ -149,15 +148,7 @@ def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
     links = ServiceLinks(world.client.runtime)
 
     def ask(service: str) -> Any:
-        answers: queue.Queue[Any] = queue.Queue()
-        ServiceCall(
-            links.link(Trigger, service),
-            Trigger.Request(),
-            on_done=answers.put,
-            server_timeout=DEADLINE,
-            response_timeout=DEADLINE,
-        )
-        return answers.get(timeout=DEADLINE).response
+        return service_outcome(links.link(Trigger, service), Trigger.Request(), DEADLINE).response
 
     def active() -> list[str]:
         return list(goal.feedback[-1].active_nodes) if goal.feedback else []

@@ -15,7 +15,7 @@ from nav2_msgs.action import BackUp
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
+from flexbt_common.calls import GoalStatus, ServiceLinks
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry
@@ -48,14 +48,13 @@ class Operator:
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
         node = runtime.node
-        self._client: Any = runtime.call(
-            lambda: node.create_client(ControlTree, names.CONTROL_TREE, qos_profile=names.deep_services())
-        )
+        link = ServiceLinks(runtime).link(ControlTree, names.CONTROL_TREE)
+        self._client = link.client
         self.statuses: list[TreeStatus] = []
         runtime.call(
             lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, self.statuses.append, names.latched(100))
         )
-        wait_until(self._client.service_is_ready, 'control_tree')
+        wait_until(link.is_ready, 'control_tree')
 
     def send(self, command: int, run_id: str = '', owner: str = '') -> Any:
         """The future of the response."""

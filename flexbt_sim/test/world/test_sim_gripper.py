@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
+from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.node import Simulator
@@ -89,6 +90,7 @@ class Observer:
         self.things: dict[str, str] = {}
         self.holds: str | None = None
         self._runtime = runtime
+        self._services = ServiceLinks(runtime)
         runtime.call(self._connect)
 
     def _connect(self) -> None:
@@ -96,8 +98,6 @@ class Observer:
         node.create_subscription(JointState, 'simulator/doors', self._on_doors, names.latched())
         node.create_subscription(TFMessage, 'simulator/things', self._on_things, names.latched())
         node.create_subscription(String, 'arm/gripper_holds', self._on_holds, names.latched())
-        self.gripper = node.create_client(SetBool, 'arm/gripper')
-        self.door = node.create_client(SetBool, 'simulator/doors/gate')
 
     def _on_doors(self, message: JointState) -> None:
         self.doors = dict(zip(message.name, message.position, strict=True))
@@ -108,11 +108,10 @@ class Observer:
     def _on_holds(self, message: String) -> None:
         self.holds = message.data
 
-    def ask(self, client: Any, data: bool) -> Any:
-        assert client.wait_for_service(DEADLINE)
-        future = self._runtime.call(lambda: client.call_async(SetBool.Request(data=data)))
-        wait_until(future.done, 'the answer')
-        return future.result()
+    def ask(self, service: str, data: bool) -> Any:
+        outcome = service_outcome(self._services.link(SetBool, service), SetBool.Request(data=data), DEADLINE)
+        assert outcome.ok, outcome.reason
+        return outcome.response
 
 
 @pytest.fixture
@@ -136,12 +135,12 @@ def test_the_simulator_tells_of_doors_things_and_grippers(observer: Observer) ->
     wait_until(
         lambda: (observer.doors, observer.things, observer.holds) == ({'gate': 0.0}, {'cup': 'map'}, ''), 'the scene'
     )
-    answer = observer.ask(observer.gripper, True)
+    answer = observer.ask('arm/gripper', True)
     assert (answer.success, answer.message) == (True, 'cup')
     wait_until(lambda: (observer.things, observer.holds) == ({'cup': 'arm'}, 'cup'), 'that it is held')
-    answer = observer.ask(observer.gripper, True)
+    answer = observer.ask('arm/gripper', True)
     assert (answer.success, answer.message) == (False, 'arm holds cup; open the gripper first')
-    assert observer.ask(observer.gripper, False).success
+    assert observer.ask('arm/gripper', False).success
     wait_until(lambda: (observer.things, observer.holds) == ({'cup': 'map'}, ''), 'that it was put down')
-    assert observer.ask(observer.door, True).success
+    assert observer.ask('simulator/doors/gate', True).success
     wait_until(lambda: observer.doors == {'gate': 1.0}, 'the open door')

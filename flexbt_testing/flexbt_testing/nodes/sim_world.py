@@ -33,7 +33,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import pose_of
@@ -224,18 +224,9 @@ class Probe:
 
     def ask(self, service_type: Any, name: str, request: Any) -> Any:
         """Ask a service; the response."""
-        outcomes: list[ServiceOutcome] = []
-        done = threading.Event()
-
-        def on_done(outcome: ServiceOutcome) -> None:
-            outcomes.append(outcome)
-            done.set()
-
-        link = self.services.link(service_type, name)
-        ServiceCall(link, request, on_done=on_done, server_timeout=DEADLINE, response_timeout=DEADLINE)
-        assert done.wait(2.0 * DEADLINE)
-        assert outcomes[0].ok, outcomes[0].reason
-        return outcomes[0].response
+        outcome = service_outcome(self.services.link(service_type, name), request, DEADLINE)
+        assert outcome.ok, outcome.reason
+        return outcome.response
 
 
 def aborted(goal: SentGoal, code: int) -> Any:

@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
@@ -29,6 +29,7 @@ class Probe(Operator):
     def __init__(self, runtime: NodeRuntime) -> None:
         super().__init__(runtime, 'test')
         self._links = ActionLinks(runtime)
+        self._services = ServiceLinks(runtime)
         self._changed = threading.Condition()
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
@@ -86,12 +87,8 @@ class Probe(Operator):
 
     def reset(self) -> None:
         """Put the robot back to where the simulation has begun."""
-        service = self.console.call(lambda: self.console.node.create_client(Trigger, names.RESET))
-        wait_until(service.service_is_ready, names.RESET)
-        answer = service.call_async(Trigger.Request())
-        wait_until(answer.done, f'answer of {names.RESET}')
-        assert answer.result().success, answer.result().message
-        self.console.call(lambda: self.console.node.destroy_client(service))
+        answer = self.ask(Trigger, names.RESET, Trigger.Request())
+        assert answer.success, answer.message
         before = self.pose
         self.wait(lambda: self.pose is not before, 'pose after the reset')
 
@@ -110,6 +107,12 @@ class Probe(Operator):
         now = uncontended_time()
         self.send(ExecutiveCommand.STOP)
         return now
+
+    def ask(self, service_type: Any, name: str, request: Any) -> Any:
+        """Ask a service; the response."""
+        outcome = service_outcome(self._services.link(service_type, name), request, DEADLINE)
+        assert outcome.ok, outcome.reason
+        return outcome.response
 
     def call(self, action_type: Any, name: str, goal: Any, timeout: float = DEADLINE) -> GoalOutcome:
         """Send a goal and wait for its outcome."""

@@ -16,15 +16,7 @@ from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from flexbt_common import names
-from flexbt_common.calls import (
-    ActionLinks,
-    GoalStatus,
-    SentGoal,
-    ServiceCall,
-    ServiceLink,
-    ServiceLinks,
-    ServiceOutcome,
-)
+from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.liveness import LEASE_SECONDS
 from flexbt_common.runtime import NodeRuntime
@@ -108,13 +100,6 @@ def refused(message_type: type[Any]) -> Iterator[tuple[str, Any]]:
             yield next((there, larger) for there, larger in oversized(message_type) if there == path)
 
 
-def answer_of(link: ServiceLink, request: Any) -> ServiceOutcome:
-    outcomes: list[ServiceOutcome] = []
-    ServiceCall(link, request, on_done=outcomes.append, server_timeout=DEADLINE, response_timeout=DEADLINE)
-    wait_until(lambda: outcomes, f'the answer of {link}', DEADLINE)
-    return outcomes[0]
-
-
 @pytest.fixture(autouse=True)
 def bounded(stack: Stack, probe: Probe) -> Iterator[None]:
     """Whatever a test does, all processes go on, and their memory is bounded."""
@@ -153,7 +138,7 @@ def test_requests_with_too_much_in_a_field_are_answered(runtime: NodeRuntime, se
             continue
         service_type = _class_of(type_name)
         for path, request in refused(service_type.Request):
-            outcome = answer_of(links.link(service_type, service), request)
+            outcome = service_outcome(links.link(service_type, service), request, DEADLINE)
             assert outcome.ok, (service, path, outcome.reason)
 
 
