@@ -47,10 +47,17 @@ def uncontended_time() -> float:
     `/proc/stat`, see `proc_stat(5)`), of which the former does not know; several processors from which it takes at once
     count each. Where the kernel does not give pressure the clock always stands still.
     """
+    return time.monotonic() - contended_time()
+
+
+def contended_time() -> float:
+    """Seconds in which :func:`uncontended_time` stood still, until now: from one moment to another one, as much as what
+    is bound by the clock of a simulation may be late.
+    """
     try:
         waited = _PRESSURE.read_text().partition('total=')[2].partition('\n')[0]
         with _STATISTICS.open() as statistics:
             stolen = statistics.readline().split()[8]
-        return time.monotonic() - 1e-6 * int(waited) - int(stolen) / os.sysconf('SC_CLK_TCK')
+        return 1e-6 * int(waited) + int(stolen) / os.sysconf('SC_CLK_TCK')
     except OSError:
-        return 0.0
+        return time.monotonic()

@@ -374,9 +374,9 @@ def test_a_node_that_never_was_managed_ends_although_it_was_asked_for_a_transiti
 
     with NodeRuntime.open('manager') as manager, NodeRuntime.open('unmanaged', node_class=ManagedNode):
         client = manager.call(lambda: manager.node.create_client(ChangeState, 'unmanaged/change_state'))
-        assert client.wait_for_service(10.0)
+        assert client.wait_for_service(60.0)
         manager.call(lambda: client.call_async(ChangeState.Request()))
         wait_until(transitions)
         (thread,) = transitions()
-    thread.join(10.0)
+    thread.join(60.0)
     assert not thread.is_alive()

@@ -2,7 +2,6 @@
 """A behavior as FlexBE's editor writes it, in a package of its own: found by flexbt_flexbe, started, supervised."""
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ import pytest
 
 from flexbt_testing.system.console_process import console_answer, run_console
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import wait_until
 
 PACKAGE = 'mission_flexbe_behaviors'
-DEADLINE_S = 60.0
 
 BEHAVIOR = """
 from flexbe_core import Autonomy
@@ -108,14 +107,11 @@ def robot(installed: None, tmp_path: Path) -> Iterator[Stack]:
 
 def waiting_for(path: str) -> dict[str, Any]:
     """The decision that a state puts to the operator."""
-    end = time.monotonic() + DEADLINE_S
-    status: dict[str, Any] = {}
-    while time.monotonic() < end:
-        status = console_answer('status')
-        for decision in status['decisions']:
-            if decision['path'] == path:
-                return dict(decision)
-    raise AssertionError(f'nothing asked by {path}: {status}')
+
+    def asked() -> Any:
+        return next((one for one in console_answer('status')['decisions'] if one['path'] == path), None)
+
+    return dict(wait_until(asked, f'what {path} asks'))
 
 
 def test_a_flexbe_behavior_runs_its_trees_and_is_supervised(robot: Stack) -> None:
@@ -126,8 +122,6 @@ def test_a_flexbe_behavior_runs_its_trees_and_is_supervised(robot: Stack) -> Non
     assert run_console('input', '41').returncode == 0
     assert waiting_for('/Get')['outcome'] == 'done', 'it requires more autonomy than there is'
     assert run_console('confirm').returncode == 0
-    end = time.monotonic() + DEADLINE_S
-    while 'sum 42.0' not in (log := run_console('log').stdout):
-        assert time.monotonic() < end, log
-    status = console_answer('status')
-    assert (status['behavior'], status['outcome']) == ('Mission', 'finished')
+    wait_until(lambda: 'sum 42.0' in run_console('log').stdout, lambda: run_console('log').stdout)
+    wait_until(lambda: console_answer('status')['outcome'] == 'finished', lambda: console_answer('status'))
+    assert console_answer('status')['behavior'] == 'Mission'

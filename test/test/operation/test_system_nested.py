@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -14,9 +13,9 @@ from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.console_process import console_answer
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import wait_until
 
 INNER = 'inspector/onboard_executive'
-DEADLINE = 60.0
 
 
 @pytest.fixture(scope='module')
@@ -35,17 +34,27 @@ def console(*words: str, namespace: str = '') -> Any:
 
 def wait_for_server() -> None:
     """Wait until the executive of the mission sees the BT server ready."""
-    end = time.monotonic() + DEADLINE
-    while not any(peer['ready'] for peer in console('status')['peers'] if 'bt_server' in peer['name']):
-        assert time.monotonic() < end, 'the BT server is not ready'
+    wait_until(
+        lambda: any(peer['ready'] for peer in console('status')['peers'] if 'bt_server' in peer['name']), 'BT server'
+    )
 
 
-def wait(namespace: str, state: str) -> Any:
-    """Wait for a state of an executive."""
-    end = time.monotonic() + DEADLINE
-    while (status := console('status', namespace=namespace))['state'] != state:
-        assert time.monotonic() < end, status
+def wait(namespace: str, seen: Callable[[Any], object]) -> Any:
+    """The status of an executive that is as it has to be."""
+    status: Any = None
+
+    def is_seen() -> object:
+        nonlocal status
+        status = console('status', namespace=namespace)
+        return seen(status)
+
+    wait_until(is_seen, lambda: status)
     return status
+
+
+def is_idle(status: Any) -> bool:
+    """Whether no behavior runs."""
+    return bool(status['state'] == 'idle')
 
 
 def test_values_go_down_and_come_back_and_stop_goes_down(stack: Stack) -> None:
@@ -53,17 +62,14 @@ def test_values_go_down_and_come_back_and_stop_goes_down(stack: Stack) -> None:
     assert ended['outcome'] == 'finished'
     lines = [line['text'] for line in console('log')]
     assert 'the inspector reports: all is well at the tower' in lines
-    inner = wait('inspector', 'idle')
+    inner = wait('inspector', is_idle)
     assert (inner['behavior'], inner['outcome']) == ('Inspect Site', 'finished')
     console('start', 'Inspection', 'duration=1000', '--autonomy', 'high')
-    inner = wait('inspector', 'running')
-    assert [state['path'] for state in inner['active_states']] == ['/Look']
     # The operator of the inspector sees it, and the one of the mission sees the leaf.
-    (outer,) = console('status')['active_states']
-    assert outer['path'] == '/Inspect'
-    assert 'InspectSite' in ' '.join(outer['activity'])
+    wait('inspector', lambda status: [state['path'] for state in status['active_states']] == ['/Look'])
+    wait('', lambda status: 'InspectSite' in str([state['activity'] for state in status['active_states']]))
     console('stop', '--wait')
-    assert wait('inspector', 'idle')['outcome'] == 'preempted'
+    assert wait('inspector', is_idle)['outcome'] == 'preempted'
 
 
 def test_the_death_of_the_tree_in_the_middle_stops_what_is_below(stack: Stack) -> None:

@@ -43,12 +43,18 @@ def console(operator: str, *words: str, exit_code: int = 0) -> Any:
     return console_answer(*words, '--operator', operator, exit_code=exit_code)
 
 
+def active(status: Any) -> list[str]:
+    """The active states of a status."""
+    return [state['path'] for state in status['active_states']]
+
+
 def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Stack, probe: Probe) -> None:
     watch = ('watch', '--json', '--operator')
     with silent_console(*watch, 'ann') as ann, silent_console(*watch, 'bob'):
         console('ann', 'claim')
         console('bob', 'claim', '--reason', 'my shift')
-        assert (probe.status.authority, list(probe.status.authority_requests)) == ('ann', ['bob'])
+        claimed = ('ann', ['bob'])
+        probe.wait(lambda: (probe.status.authority, list(probe.status.authority_requests)) == claimed, 'both claims')
         assert 'ann' in console('bob', 'autonomy', 'full', exit_code=3)['reason']
         console('ann', 'autonomy', 'high')
         ann.kill()
@@ -71,6 +77,7 @@ def test_one_commands_and_the_next_one_gets_it_when_that_console_dies(stack: Sta
 def test_a_run_is_paused_locked_and_resumed_after_a_crash_from_the_command_line(stack: Stack) -> None:
     console('ann', 'start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
     # The run may not have come to its first state.
+    wait_until(lambda: active(console('bob', 'status')) == ['/Look'], 'the first state')
     (root,) = wait_until(lambda: console('bob', 'userdata', '/'), 'userdata of the run')
     assert ('site', 'string') in [(value['key'], value['type']) for value in root['values']]
     assert 'there are' in console('bob', 'userdata', '/', 'nothing', exit_code=3)['reason']
@@ -85,4 +92,4 @@ def test_a_run_is_paused_locked_and_resumed_after_a_crash_from_the_command_line(
     console('bob', 'resume')  # from its pause
     console('bob', 'unlock', 'Look')
     console('bob', 'force', 'done')
-    assert [decision['path'] for decision in console('bob', 'status')['decisions']] == ['/Judge']
+    wait_until(lambda: [one['path'] for one in console('bob', 'status')['decisions']] == ['/Judge'], 'the decision')

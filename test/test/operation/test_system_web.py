@@ -27,7 +27,7 @@ def address(tmp_path: Path) -> Iterator[str]:
     """Where the page of a robot is, whose behavior waits for a goal."""
     with Stack(tmp_path) as stack:
         stack.start_all({'speed_factor': '5.0'}, in_one=True)
-        with start_console('web', '--port', '0', '--operator', 'ann', '--timeout', '30') as web:
+        with start_console('web', '--port', '0', '--operator', 'ann', '--timeout', '60') as web:
             try:
                 assert web.stdout is not None
                 told = web.stdout.readline()

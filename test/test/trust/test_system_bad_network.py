@@ -32,7 +32,7 @@ from flexbt_testing.system.lossy_link import FAIR, LossyLink, Weather
 from flexbt_testing.system.network_namespace import NetworkNamespace
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import contended_time, uncontended_time, wait_until
 
 T = TypeVar('T')
 
@@ -56,7 +56,7 @@ class Scene:
     def __init__(self, directory: Path, stack: ExitStack) -> None:
         self._record = directory
         self._stack = stack
-        self._began = time.monotonic() - uncontended_time()
+        self._began = contended_time()
         self._sent: list[tuple[Console, str]] = []
         robot, self._station = (stack.enter_context(NetworkNamespace()) for _ in range(2))
         self.link = stack.enter_context(LossyLink(robot, self._station, seed=4))
@@ -145,7 +145,7 @@ class Scene:
 
     def check_claims(self, console: Console) -> None:
         """What a console showed as live was so, and not too long ago, as far as the machine had time to show it."""
-        late = time.monotonic() - uncontended_time() - self._began
+        late = contended_time() - self._began
         published = self.observer.published()
         shown = [(one, one.snapshot) for one in console.shown() if one.live and one.snapshot is not None]
         assert shown
