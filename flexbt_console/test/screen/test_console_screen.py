@@ -47,6 +47,7 @@ from flexbt_console.mirror import (
 from flexbt_console.pictures import ASCII, acting_lines
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
+from flexbt_console.ui.screen.machine_lines import machine_lines
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Pane
 from flexbt_core.clock import ManualClock
@@ -573,6 +574,28 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
     on_screen(robot, steps)
 
 
+def test_where_there_is_little_room_what_is_active_is_shown_and_what_waits_above_all() -> None:
+    robot = Robot()
+    regions = [StateStructure(f'/{name}', StateKind.MACHINE, 'Machine', ('Now', *'abcdefgh')) for name in 'PQR']
+    states = [STRUCTURE.states[0]]
+    for region in regions:
+        states.append(region)
+        for name in region.children:
+            states.append(
+                StateStructure(f'{region.path}/{name}', StateKind.STATE, 'S', (), ('left', 'right'), ('/P/a',))
+            )
+    robot.mirror.receive_structure(Structure('r1', 'Patrol', tuple(states)))
+    active = tuple(ActiveState(f'{region.path}/Now', 1.0) for region in regions)
+    robot.show(Decision('d', DecisionKind.CHOICE, '/R/Now', outcomes=('left', 'right')), active_states=active)
+    for rows, hidden in ((99, ()), (13, ('  a',)), (9, ('  a', 'below'))):
+        lines = machine_lines(robot.mirror.view(), 80, rows, ASCII)
+        shown = '\n'.join(lines)
+        assert len(lines) <= rows and shown.count('> Now') == 2 and '? Now' in shown and '  > P' in shown, shown
+        assert lines[-2:] == ['      left -> a', '      right'] or rows == 99, shown  # of the one that waits
+        assert not any(text in shown for text in hidden), shown
+    assert any('? Now' in line for line in machine_lines(robot.mirror.view(), 80, 4, ASCII))
+
+
 def test_leaves_that_the_bar_has_no_room_for_are_counted() -> None:
     for parents, last in (((0, 1, 1, 1), '  > Node4  0 s  in Node1'), ((0, 1, 1, 1, 1, 1), '  +3 more')):
         robot = Robot()
@@ -660,6 +683,20 @@ def test_an_idle_screen_draws_nothing() -> None:
         assert updates == []
 
     on_screen(robot, steps)
+
+
+def test_without_colours_what_is_wrong_is_as_bright_as_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('NO_COLOR', '1')
+    robot = Robot()
+    robot.show(peers=(Peer('navigation', alive=False),))
+
+    async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        strips = app.screen._compositor.render_strips()
+        styles = [one.style for strip in strips for one in strip if 'MISSING' in one.text]
+        colours = [style.color.get_truecolor() for style in styles if style and style.color]
+        assert colours and all(min(colour) > 200 for colour in colours)
+
+    on_screen(robot, look)
 
 
 def test_an_ascii_screen_has_ascii_frames(monkeypatch: pytest.MonkeyPatch) -> None:

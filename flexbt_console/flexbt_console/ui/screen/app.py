@@ -132,6 +132,7 @@ class OperatorScreen(App[None]):
     ModalScreen {{ align: center middle; }}
     .dialog {{ width: 70; max-width: 90%; height: auto; max-height: 90%; padding: 0 1; border: round $primary;
                background: $surface; }}
+    .dialog Label {{ width: 100%; }}
     .wide {{ width: 100%; max-width: 100%; }}
     .dim {{ text-style: dim; }}
     .ascii #map {{ border-left: ascii $primary-darken-2; }}
@@ -311,7 +312,7 @@ class OperatorScreen(App[None]):
     def _machine(self, view: View, columns: int, rows: int) -> Text:
         running = view.running_trees
         shown = machine_lines(view, columns, rows, self._signs) if view.running else []
-        room = max(4, rows // 2) if running else rows
+        room = max(4, rows // 2, rows - sum(len(run.nodes) + 1 for run in running))
         if len(shown) > room:
             shown = machine_lines(view, columns, room, self._signs)
         for number, run in enumerate(running):

@@ -3,41 +3,70 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
+from typing import NamedTuple
+
 from flexbt_console.mirror import ActiveState, AutonomyLevel, Snapshot, StateKind, StateStructure, View
 from flexbt_console.pictures import Glyphs, cut, window
 from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
 from flexbt_core.values import one_line
 
 
+class _Rank(IntEnum):
+    """What a line tells: where there is little room, the last ones are left out first."""
+
+    ACTIVE = 0
+    OUTCOME_OF_FIRST = 1
+    OUTCOME = 2
+    NOT_ACTIVE = 3
+
+
+class _Ranked(NamedTuple):
+    rank: _Rank
+    path: str
+    line: str
+
+
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:
-    """The machine in at most so many rows of so many cells, the first active state always among them."""
+    """The machine in at most so many rows of so many cells. Where it does not fit: what is active, and what the state
+    that waits, or else the first active one, leads to; that state is always among the lines.
+    """
     snapshot = view.snapshot
     if snapshot is None:
         return []
     states = {state.path: state for state in snapshot.active_states}
+    first = view.decision.path if view.decision else next(iter(view.active_paths), '')
     levels = set(view.active_levels)
     if view.structure is None:
-        lines = [line for path in view.active_levels for line in _active(path, states.get(path), view, signs)]
+        ranked = [line for path in view.active_levels for line in _active(path, states.get(path), view, signs)]
     else:
-        lines = []
+        ranked = []
         for state in view.structure.states:
             parent = state.path.rpartition('/')[0] or '/'
             if state.path == '/' or parent in levels:  # what is in a container that is not active is not of now
-                lines += _state(state, states, view, signs)
-    marked = next((place for place, line in enumerate(lines) if tone_of(line) is Tone.DECISION), 0)
-    return [Line(cut(line, columns), tone_of(line)) for line in window(lines, marked, rows)]
+                rank = _Rank.OUTCOME_OF_FIRST if state.path == first else _Rank.OUTCOME
+                ranked += _state(state, states, view, signs, rank)
+    for last in (_Rank.NOT_ACTIVE, _Rank.OUTCOME):
+        if len(ranked) > rows:
+            ranked = [one for one in ranked if one.rank < last]
+    marked = next((place for place, one in enumerate(ranked) if one.path == first), 0)
+    return [Line(cut(line, columns), tone_of(line)) for line in window([one.line for one in ranked], marked, rows)]
 
 
-def _state(state: StateStructure, states: dict[str, ActiveState], view: View, signs: Glyphs) -> list[str]:
+def _state(
+    state: StateStructure, states: dict[str, ActiveState], view: View, signs: Glyphs, rank: _Rank
+) -> list[_Ranked]:
     assert view.snapshot is not None
-    if state.path in view.active_levels:
-        lines = _active(state.path, states.get(state.path), view, signs)
+    path = state.path
+    if path in view.active_levels:
+        lines = _active(path, states.get(path), view, signs)
         if state.kind is StateKind.STATE:
-            indent = '  ' * _depth(state.path)
-            lines += [f'{indent}  {text}' for text in outcome_texts(state, signs)]
+            indent = '  ' * _depth(path)
+            lines += [_Ranked(rank, path, f'{indent}  {text}') for text in outcome_texts(state, signs)]
         return lines
-    label = one_line(state.path.rpartition('/')[2]) or '/'
-    return [Line(f'{"  " * _depth(state.path)}  {label}{_marks(state.path, view.snapshot, signs)}', Tone.DIM)]
+    label = one_line(path.rpartition('/')[2]) or '/'
+    line = Line(f'{"  " * _depth(path)}  {label}{_marks(path, view.snapshot, signs)}', Tone.DIM)
+    return [_Ranked(_Rank.NOT_ACTIVE, path, line)]
 
 
 def outcome_texts(state: StateStructure, signs: Glyphs) -> list[str]:
@@ -57,7 +86,7 @@ def leads_text(state: StateStructure, number: int, signs: Glyphs) -> str:
     return f' {signs.arrow} {one_line(target.rpartition("/")[2] or target)}' if target else ''
 
 
-def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> list[str]:
+def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> list[_Ranked]:
     snapshot = view.snapshot
     assert snapshot is not None
     indent = '  ' * _depth(path)
@@ -66,14 +95,14 @@ def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> 
     sign = signs.waits if waits else signs.active
     marks = _marks(path, snapshot, signs)
     if state is None:
-        return [Line(f'{indent}{sign} {label}{marks}', Tone.PLAIN)]
+        return [_Ranked(_Rank.ACTIVE, path, Line(f'{indent}{sign} {label}{marks}', Tone.PLAIN))]
     seconds = max(0.0, snapshot.stamp - state.entered)
     paused = '  PAUSED' if state.paused else ''
     lines: list[str] = [Line(f'{indent}{sign} {label}{marks}  {seconds:.0f} s{paused}', Tone.DECISION)]
     if state.progress is not None and (text := progress_text(state.progress, view.places)):
         lines.append(f'{indent}  {text}')
     lines += [Line(f'{indent}    {line}', tone_of(line)) for line in not_paused_lines(state)]
-    return lines
+    return [_Ranked(_Rank.ACTIVE, path, line) for line in lines]
 
 
 def _marks(path: str, snapshot: Snapshot, signs: Glyphs) -> str:

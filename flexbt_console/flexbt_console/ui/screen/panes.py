@@ -74,7 +74,9 @@ class Pane(Widget):
         if text == self._text:
             return
         before, self._text, no_row = self._rows, text, list[Segment]()
-        self._rows = [list(row.render(self.app.console)) for row in text.split('\n')] if text.plain else []
+        rows = (row.render(self.app.console) for row in text.split('\n')) if text.plain else ()
+        # Textual makes greys of colours then, and of red one that is hardly seen.
+        self._rows = [list(Segment.remove_color(row) if self.app.no_color else row) for row in rows]
         if self.styles.auto_dimensions and len(before) != len(self._rows):
             self.refresh(layout=True)
             return
