@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The nodes ``simulator`` and ``navigation`` in one process, as a container of components: messages between them leave
-no process, and a world that goes as fast as possible takes about four fifths of the processor time.
+"""The nodes ``simulator`` and ``navigation`` in one process, as a container of components: poses, scans and commands
+are handed over (intra_process.py), and a world that goes as fast as possible takes about half of the processor time.
 
 Each robot that is in the world at the start has a node ``navigation`` in its namespace. Parameters are those of the
 nodes: ``-p NAME:=VALUE`` counts for all that have it, ``-p simulator:NAME:=VALUE`` for one. Who kills the process, or
@@ -14,6 +14,7 @@ from functools import partial
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, run_node
+from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.simulator import Simulator
 
@@ -29,7 +30,8 @@ class Simulation:
         """
         self._simulator = simulator
         self._args = sys.argv[1:] if args is None else args
-        for namespace in Simulator(simulator).namespaces:
+        self._in_process = IntraProcessTopics()
+        for namespace in Simulator(simulator, self._in_process).namespaces:
             self._navigate(f'{simulator.node.get_namespace().rstrip("/")}/{namespace}'.rstrip('/') or '/')
 
     def _navigate(self, namespace: str) -> None:
@@ -41,7 +43,7 @@ class Simulation:
         self._simulator.on_close(runtime.close)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'
         runtime.on_failure(lambda: self._simulator.abort(f'{told}: {runtime.health.failure}'))
-        Navigation(runtime)
+        Navigation(runtime, self._in_process)
 
 
 def main(args: list[str] | None = None) -> int:

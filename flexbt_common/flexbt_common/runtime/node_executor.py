@@ -11,6 +11,9 @@ waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_await
 meanwhile stays with the middleware, up to the depth of the subscription, for whoever takes it. Whether the two ends of
 a topic do not fit each other is checked once a second: there are two such events for each topic of a node.
 
+While it waits, another thread may call something in its place (:meth:`NodeExecutor.run_here`): to wake it, and to be
+woken by it, takes longer than most callbacks.
+
 What rclpy does with coroutines (a service whose callback awaits something) depends on its version. While one is under
 way, rclpy's own loop runs; it always does where rclpy lacks what :class:`NodeExecutor` is made of.
 """
@@ -18,11 +21,11 @@ way, rclpy's own loop runs; it always does where rclpy lacks what :class:`NodeEx
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from inspect import iscoroutine, iscoroutinefunction
-from threading import get_ident
+from threading import Lock, get_ident
 from time import monotonic
 from types import coroutine
 from typing import Any, Final
@@ -56,6 +59,9 @@ _MISFITS: Final = frozenset(
         QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
     )
 )
+
+BORROW_SECONDS: Final = 0.001
+"""For so long another thread waits for the turn, s: an executor that has just answered it is about to wait again."""
 
 _AWAITING_TURN: Final = 0.02
 """Longest turn of rclpy's own loop, s: it may go on waiting although work was brought in meanwhile."""
@@ -91,6 +97,13 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self.heard = HeardTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
+    is_lent: Final = False
+    """As that of :class:`NodeExecutor`."""
+
+    def run_here(self, _fn: Callable[[], object]) -> bool:
+        """As :meth:`NodeExecutor.run_here`: never."""
+        return False
+
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
         self._on_turn()
@@ -120,7 +133,8 @@ class NodeExecutor(OpenExecutor):
         self._is_changed = True
         self._soon: deque[Task] = deque()
         self._awaiting: list[Task] = []
-        self._thread = 0
+        self._thread = self._lent_to = 0
+        self._turn = _Turn()
         self.heard = HeardTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
@@ -144,6 +158,28 @@ class NodeExecutor(OpenExecutor):
             self._turn_of_rclpy(0.0)  # coroutines begin before anything that is brought in later
         if not self.context.ok():
             raise ExternalShutdownException
+
+    def run_here(self, fn: Callable[[], object]) -> bool:
+        """Call ``fn`` as the executor would, but on this thread, if the executor only waits, or does so within
+        BORROW_SECONDS; whether it was called. Of the simulated time ``fn`` hears when it asks a clock of ours.
+        """
+        if not self._turn.borrow():
+            return False
+        self._lent_to = get_ident()
+        try:
+            self._on_turn()
+            fn()
+        except Exception as error:
+            self._on_fault(error)
+        finally:
+            self._lent_to = 0
+            self._turn.give_back()
+        return True
+
+    @property
+    def is_lent(self) -> bool:
+        """Whether this thread is in :meth:`run_here`."""
+        return self._lent_to == get_ident()
 
     def wake(self) -> None:
         """Come back from the wait; the node has got or lost an entity. From any thread."""
@@ -175,7 +211,7 @@ class NodeExecutor(OpenExecutor):
         if self.simulated_time.subscription is not None:
             timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
         try:
-            ready = self._entities.ready(timeout)
+            ready = self._entities.ready(timeout, self._turn)
         except InvalidHandle:  # another thread is destroying an entity
             self._is_changed = True
             return
@@ -286,6 +322,35 @@ def _rest(called: Coroutine[Any, Any, None], awaited: Any) -> Any:
             return
 
 
+class _Turn:
+    """Who may call callbacks: the thread of the executor, unless it waits and another thread has borrowed the turn."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._lock.acquire()
+        self._is_wanted = False
+
+    @contextmanager
+    def lent(self) -> Iterator[None]:
+        """In the block the turn may be borrowed; at its end it is waited for."""
+        self._lock.release()
+        try:
+            yield
+        finally:
+            self._is_wanted = True
+            self._lock.acquire()
+            self._is_wanted = False
+
+    def borrow(self) -> bool:
+        """Take the turn until :meth:`give_back`, unless the executor waits for it, or goes on with its own; whether it
+        was taken."""
+        return not self._is_wanted and self._lock.acquire(timeout=BORROW_SECONDS)
+
+    def give_back(self) -> None:
+        """The executor may have it again."""
+        self._lock.release()
+
+
 @dataclass(frozen=True)
 class _Group:
     """Entities that are in the wait set while ``is_awaited()``, and once in a while.
@@ -359,8 +424,9 @@ class _Entities:
             group.adds.append((waitable.add_to_wait_set, wait_set))
             group.waitables.append((takes['waitable'], waitable))
 
-    def ready(self, timeout: float | None) -> list[tuple[Take, Any]]:
-        """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is."""
+    def ready(self, timeout: float | None, turn: _Turn) -> list[tuple[Take, Any]]:
+        """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is. Others may have
+        the turn meanwhile."""
         now = monotonic()
         checks_all = now >= self._check_at
         if checks_all:
@@ -375,7 +441,8 @@ class _Entities:
         for group in groups:
             for add, argument in group.adds:
                 add(argument)
-        wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
+        with turn.lent():
+            wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
         ready = [entry for group in groups for entry in group.waitables if entry[1].is_ready(wait_set)]
         for kind, entities in self._by_kind:
             for pointer in wait_set.get_ready_entities(kind):

@@ -181,6 +181,16 @@ class NodeRuntime:
             if not self.closed:
                 self._post_locked(fn)
 
+    def run_or_post(self, fn: Callable[[], object]) -> None:
+        """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
+        the executor thread.
+
+        While ``fn`` runs nothing else does on the executor thread. For a thread that has to wait anyway until ``fn`` is
+        done: to have another one woken for it takes longer than most of what there is to do.
+        """
+        if self.closed or not self._executor.run_here(fn):
+            self.post(fn)
+
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
         """Run ``fn`` on the executor thread and give its value; raise what it raises.
 
@@ -188,7 +198,7 @@ class NodeRuntime:
             TimeoutError: ``fn`` was not done within ``timeout`` seconds (it may still run).
             RuntimeError: the runtime is closed.
         """
-        if self.on_executor_thread:
+        if self.on_executor_thread or self._executor.is_lent:
             return fn()
         future: Future[T] = Future()
 

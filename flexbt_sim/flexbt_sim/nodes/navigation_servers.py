@@ -26,6 +26,7 @@ from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
+from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
 from flexbt_sim.route_server import RouteServer
 from flexbt_sim.server_common import (
@@ -58,8 +59,9 @@ MOST_SPEED: Final = 10.0
 class Navigation:
     """The servers on a running node."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
-        """Must be called off the executor thread.
+    def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics | None = None) -> None:
+        """Must be called off the executor thread. ``in_process``: the topics of a robot that is simulated in this
+        process.
 
         Raises:
             FlexbtError: a parameter cannot work.
@@ -67,7 +69,7 @@ class Navigation:
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
         prepare_navigation(self._parameters.follower.steering)
-        runtime.call(self._serve)
+        runtime.call(lambda: self._serve(in_process))
         timeout = self._parameters.peer_timeout
         self._owners = [
             LivelinessWatch(runtime, owner, partial(self._on_owner, owner), on_late=self._on_late, timeout=timeout)
@@ -80,9 +82,9 @@ class Navigation:
         LivelinessToken(runtime).set_ready(True)
         runtime.node.get_logger().info('ready')
 
-    def _serve(self) -> None:
+    def _serve(self, in_process: IntraProcessTopics | None) -> None:
         runtime = self._runtime
-        self._robot = RobotInterface(runtime, self._parameters)
+        self._robot = RobotInterface(runtime, self._parameters, in_process)
         self._arbiter = MotionArbiter(runtime, self._robot)
         PlannerServer(runtime, self._parameters, self._robot)
         motions = (

@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 from flexbt_common.calls import goal_servers
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import MESSAGE
+from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 
 
 class Demand:
@@ -21,10 +22,11 @@ class Demand:
     until the executor looks, about once a second (node_executor.py).
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics) -> None:
         self._servers = goal_servers(runtime)
-        self._node = runtime.node
-        self._messages: list[ReceivedMessages] = []
+        self._runtime = runtime
+        self._in_process = in_process
+        self._messages: list[ReceivedMessages | IntraProcessMessages] = []
         self.is_there = False
         """Whether what comes is heard at once."""
         self.reasons: list[Callable[[], bool]] = []
@@ -33,9 +35,16 @@ class Demand:
         self, message_type: type[Any], topic: str, qos: QoSProfile, on_message: Callable[[Received], object]
     ) -> None:
         """Have ``on_message`` called for what comes on a topic, of as many bytes as a message may have."""
-        self._messages.append(
-            ReceivedMessages(self._node, message_type, topic, qos, on_message, MESSAGE, is_awaited=self._look)
-        )
+        node = self._runtime.node
+        name = node.resolve_topic_name(topic)
+        if self._in_process.is_offered(name, message_type):
+            messages = IntraProcessMessages(self._runtime, qos.depth, on_message, self._look)
+            self._in_process.receive(name, message_type, messages.put)
+            self._messages.append(messages)
+        else:
+            self._messages.append(
+                ReceivedMessages(node, message_type, topic, qos, on_message, MESSAGE, is_awaited=self._look)
+            )
 
     def take(self) -> None:
         """Somebody asks: hear what has come, unless the executor does so anyway."""

@@ -19,6 +19,7 @@ from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
+from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.navigation import Velocity
 from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import Pose
@@ -89,7 +90,11 @@ class RobotInterface:
     new map.
     """
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, parameters: NavigationParameters, in_process: IntraProcessTopics | None = None
+    ) -> None:
+        """``in_process``: the topics of a robot that is simulated in this process."""
+        in_process = in_process or IntraProcessTopics()
         self._runtime = runtime
         self._parameters = parameters
         self.on_pose: list[Callable[[Pose, float], None]] = []
@@ -101,14 +106,14 @@ class RobotInterface:
         self._has_map = False
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
-        self._demand = demand = Demand(runtime)
+        self._demand = demand = Demand(runtime, in_process)
         demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
         demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
         self.map_frame = MapFrame(runtime, parameters)
         self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose, demand)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
-        self._commands = node.create_publisher(command_type, parameters.cmd_vel_topic, 1)
+        self._commands = in_process.publisher(node.create_publisher(command_type, parameters.cmd_vel_topic, 1))
 
     def when_known(self, goal: ServedGoal, go_on: Callable[[], None]) -> None:
         """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has

@@ -27,6 +27,7 @@ from flexbt_common import names
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import SimulationError
+from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.world import Entity, Pacer, Pose, Robot, prepare_world
 
 from .computations import Computations
@@ -55,13 +56,14 @@ class Simulator:
     ``lock`` is held while the world is stepped, looked at or changed.
     """
 
-    def __init__(self, runtime: NodeRuntime) -> None:
-        """Must be called off the executor thread.
+    def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics | None = None) -> None:
+        """Must be called off the executor thread. ``in_process`` gets the topics that others in the process may have.
 
         Raises:
             SimulationError: a parameter, the world or the map cannot be used.
         """
         self.runtime = runtime
+        self._in_process = in_process or IntraProcessTopics()
         self.parameters: SimulatorParameters = runtime.call(lambda: declare_simulator_parameters(runtime.node))
         self.lock = threading.Lock()
         self.world = self.parameters.make_world()
@@ -126,9 +128,8 @@ class Simulator:
 
     def _connect_robot(self, robot: Robot, namespace: str) -> None:
         """Make the topics of a robot that has come."""
-        topics = RobotTopics(
-            self.runtime, robot, namespace, self.parameters, Commands(self._drive, self._initial_pose, self._grip)
-        )
+        commands = Commands(self._drive, self._initial_pose, self._grip)
+        topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands, self._in_process)
         self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
         self._token.add_name(self._stands_in_for(namespace))
         self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one

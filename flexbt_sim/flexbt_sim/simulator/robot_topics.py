@@ -31,6 +31,7 @@ from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import faults_message
+from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
@@ -75,7 +76,13 @@ class RobotTopics:
     """Made and closed on the executor thread; the messages are made on the thread of the world."""
 
     def __init__(
-        self, runtime: NodeRuntime, robot: Robot, namespace: str, parameters: SimulatorParameters, commands: Commands
+        self,
+        runtime: NodeRuntime,
+        robot: Robot,
+        namespace: str,
+        parameters: SimulatorParameters,
+        commands: Commands,
+        in_process: IntraProcessTopics,
     ) -> None:
         """``namespace`` is what goes before the names of the topics: '' or 'robot1/'."""
         self.robot = robot
@@ -83,6 +90,7 @@ class RobotTopics:
         self._runtime = runtime
         self._parameters = parameters
         self._commands = commands
+        self._in_process = in_process
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
         self._late: deque[tuple[float, Message]] = deque()
         self._loss = generator(parameters.seed, robot.name, 'messages')
@@ -101,10 +109,14 @@ class RobotTopics:
     def _connect(self) -> None:
         node, parameters, model = self._runtime.node, self._parameters, self.robot.model
         self._odom = self._publisher(Odometry, names.ODOM, 10)
-        self._pose = self._publisher(PoseStamped, names.POSE, POSES)
+        self._pose = self._in_process.publisher(self._publisher(PoseStamped, names.POSE, POSES))
         self._tf = self._publisher(TFMessage, names.TF, 100)
         self._amcl_pose = self._publisher(PoseWithCovarianceStamped, names.AMCL_POSE, names.latched())
-        self._scan = self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data) if model.lidar else None
+        self._scan = (
+            self._in_process.publisher(self._publisher(LaserScan, names.SCAN, qos_profile_sensor_data))
+            if model.lidar
+            else None
+        )
         self._battery = self._publisher(BatteryState, names.BATTERY_STATE, 10) if model.battery else None
         self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
         self._holds = self._publisher(String, names.GRIPPER_HOLDS, names.latched()) if model.gripper else None
@@ -114,7 +126,8 @@ class RobotTopics:
         self._server_faults = self._publisher(String, names.SERVER_FAULTS, names.latched())
         self._describe()
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
-        self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
+        self._command = self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
+        self._in_process.receive_instead(self._command, self._on_command)
         self._subscribe(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose)
         self._amcl = LifecycleServices(node, f'{self.namespace}{AMCL}')
 
@@ -124,10 +137,11 @@ class RobotTopics:
         self._entities.append((node.destroy_publisher, publisher))
         return publisher
 
-    def _subscribe(self, message_type: Any, topic: str, callback: Callable[[Any], None]) -> None:
+    def _subscribe(self, message_type: Any, topic: str, callback: Callable[[Any], None]) -> Any:
         node = self._runtime.node
         subscription = node.create_subscription(message_type, f'{self.namespace}{topic}', callback, 1)
         self._entities.append((node.destroy_subscription, subscription))
+        return subscription
 
     def _describe(self) -> None:
         """What does not change: URDF and static transforms."""
@@ -143,11 +157,13 @@ class RobotTopics:
 
     def close(self) -> None:
         """Take everything back: the robot is gone."""
+        self._in_process.forget(self._command)
         for destroy, entity in self._entities:
             destroy(entity)
         self._amcl.close()
 
     def _on_command(self, message: Any) -> None:
+        """On any thread: that of who gives the command, where it is in this process."""
         topic = self._parameters.cmd_vel_topic
         if self._is_lost(topic):
             return

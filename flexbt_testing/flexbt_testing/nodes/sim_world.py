@@ -104,7 +104,7 @@ def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spaci
 class Probe:
     """Sees the robot, sends it goals, commands and to other places."""
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, *, hears_commands: bool = True) -> None:
         self.runtime = runtime
         self.links = ActionLinks(runtime)
         self.services = ServiceLinks(runtime)
@@ -115,7 +115,8 @@ class Probe:
         def connect() -> None:
             node = runtime.node
             node.create_subscription(PoseStamped, names.POSE, self._on_pose, 100)
-            node.create_subscription(Twist, names.CMD_VEL, self._on_command, 100)
+            if hears_commands:
+                node.create_subscription(Twist, names.CMD_VEL, self._on_command, 100)
             self._drive = node.create_publisher(Twist, names.CMD_VEL, 1)
             self._places = node.create_publisher(PoseWithCovarianceStamped, names.INITIAL_POSE, 1)
 

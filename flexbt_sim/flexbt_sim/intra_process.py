@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages between nodes of one process, handed over without the middleware, as rclcpp's intra-process communication.
+
+Poses and scans go from the thread of the world to navigation, and commands back, on one and the same thread where
+navigation only waits: neither is sent, and no thread wakes another one. Whoever else listens to such a topic hears it
+as ever.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received
+
+LOOK_SECONDS: Final = 1.0
+"""From one look at messages that nobody waits for to the next, s: that of the executor (node_executor.py)."""
+
+Key = tuple[str, type[Any]]
+"""A topic by its full name, and the type of its messages."""
+
+
+@dataclass(frozen=True)
+class _Receiver:
+    receive: Callable[[Any], object]
+    is_subscribed: bool
+    """Whether it gets what is sent by the middleware, too."""
+
+
+class IntraProcessTopics:
+    """The topics that nodes of one process hand over. From any thread."""
+
+    def __init__(self) -> None:
+        self._offered: set[Key] = set()
+        self._receivers: dict[Key, _Receiver] = {}
+
+    def publisher(self, publisher: Publisher) -> IntraProcessPublisher:
+        """In place of a publisher: who receives in this process gets the messages, or bytes, that it is given."""
+        key = publisher.topic_name, publisher.msg_type
+        self._offered.add(key)
+        return IntraProcessPublisher(publisher, lambda: self._receivers.get(key))
+
+    def is_offered(self, topic: str, message_type: type[Any]) -> bool:
+        """Whether there is a publisher for a topic, by its full name, that hands over."""
+        return (topic, message_type) in self._offered
+
+    def receive(self, topic: str, message_type: type[Any], receive: Callable[[Any], object]) -> None:
+        """Have ``receive`` called with what is published on a topic, by its full name, on the thread of its sender."""
+        self._receivers[topic, message_type] = _Receiver(receive, is_subscribed=False)
+
+    def receive_instead(self, subscription: Subscription, receive: Callable[[Any], object]) -> None:
+        """As :meth:`receive`, for one who is subscribed, too: what comes by the subscription does not come twice."""
+        self._receivers[subscription.topic_name, subscription.msg_type] = _Receiver(receive, is_subscribed=True)
+
+    def forget(self, subscription: Subscription) -> None:
+        """Take back :meth:`receive_instead`."""
+        self._receivers.pop((subscription.topic_name, subscription.msg_type), None)
+
+
+class IntraProcessPublisher:
+    """See :meth:`IntraProcessTopics.publisher`."""
+
+    def __init__(self, publisher: Publisher, receiver: Callable[[], _Receiver | None]) -> None:
+        self._publisher = publisher
+        self._receiver = receiver
+
+    def get_subscription_count(self) -> int:
+        """How many receive, in this process or another one."""
+        receiver = self._receiver()
+        counted: int = self._publisher.get_subscription_count()
+        return counted + (receiver is not None and not receiver.is_subscribed)
+
+    def publish(self, message: Any) -> None:
+        """Hand a message over, and send it if anybody else listens."""
+        receiver, counted = self._receiver(), self._publisher.get_subscription_count()
+        is_sent = counted > (receiver is not None and receiver.is_subscribed)
+        if is_sent:
+            self._publisher.publish(message)
+        if receiver is not None and not (is_sent and receiver.is_subscribed):
+            receiver.receive(message)
+
+
+class IntraProcessMessages:
+    """What is handed over on a topic, up to ``depth`` messages as bytes: ``on_message`` gets them as the executor of
+    ``runtime`` would call it, while ``is_awaited()``; at other times when somebody takes them, or about once a second.
+    """
+
+    def __init__(
+        self, runtime: NodeRuntime, depth: int, on_message: Callable[[Received], object], is_awaited: Callable[[], bool]
+    ) -> None:
+        self._runtime = runtime
+        self._on_message = on_message
+        self._is_awaited = is_awaited
+        self._messages: deque[Received] = deque(maxlen=depth)
+        self._is_called = False
+        self._look_at = 0.0
+
+    def put(self, data: bytes) -> None:
+        """A message has come. From any thread."""
+        self._messages.append(Received(data, len(data), UNKNOWN_WRITER, time.time()))
+        if not self._is_called:
+            self._is_called = True
+            self._runtime.run_or_post(self._heed)
+
+    def take(self) -> None:
+        """Hear what has come by now."""
+        while self._messages:
+            self._on_message(self._messages.popleft())
+
+    def _heed(self) -> None:
+        self._is_called = False
+        now = time.monotonic()
+        if self._is_awaited() or now >= self._look_at:
+            self._look_at = now + LOOK_SECONDS
+            self.take()
