@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
 
 from rclpy.node import Node
 
@@ -12,13 +15,20 @@ from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_core.values import hint
 from flexbt_sim.costmaps import Inflation
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.navigation import FollowerLimits
-from flexbt_sim.world import Circle, Polygon
+from flexbt_sim.world import Circle, Polygon, RobotModel, WorldFile
 
 from .docking_parameters import DockingParameters, declare_docking_parameters
 from .route_parameters import RouteParameters, declare_route_parameters
+
+MOST_SPEED: Final = 10.0
+"""Of a robot, m/s."""
+
+MOST_RADIUS: Final = 50.0
+"""Of a robot, m; as a world file may have it."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,11 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         UnfitParameterError: a value that cannot work.
     """
     declare = ParameterDeclarer(node)
-    inflation, follower = Inflation(), FollowerLimits()
+    inflation, follower = _of_robot(
+        declare.text('world', '', 'world file; its robot is known by its footprint, turning radius and speed'),
+        declare.text('robot', '', 'its name there; empty for the last name of the namespace, or the only robot'),
+        node.get_namespace().rpartition('/')[2],
+    )
     return NavigationParameters(
         owner_nodes=declare.texts(
             'owner_nodes',
@@ -85,14 +99,17 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             'how far from a goal that cannot be reached a path may end, m; 0: nowhere else',
         ),
         inflation=_inflation(
-            declare.text('footprint', '', 'corners of a robot that is no circle, m: [[x, y], ...]'),
-            declare.real('robot_radius', inflation.robot_radius, 0.01, 2.0, 'radius of the robot, m'),
+            declare.text(
+                'footprint', _written(inflation.corners), 'corners of a robot that is no circle, m: [[x, y], ...]'
+            ),
+            declare.real('robot_radius', inflation.robot_radius, 0.001, MOST_RADIUS, 'radius of the robot, m'),
             declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
             declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
         ),
-        follower=FollowerLimits(
+        follower=replace(
+            follower,
             speed=declare.real(
-                'desired_linear_vel', follower.speed, 0.01, 10.0, 'speed on a free and straight way, m/s'
+                'desired_linear_vel', follower.speed, 0.01, MOST_SPEED, 'speed on a free and straight way, m/s'
             ),
             proximity_distance=declare.real(
                 'cost_scaling_dist',
@@ -104,7 +121,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
             turning_radius=declare.real(
                 'minimum_turning_radius',
-                0.0,
+                follower.turning_radius,
                 0.0,
                 100.0,
                 'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
@@ -145,6 +162,33 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         routes=declare_route_parameters(declare),
         docking=declare_docking_parameters(declare),
     )
+
+
+def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, FollowerLimits]:
+    """The defaults for the robot of the parameters ``world`` and ``robot``. Raises UnfitParameterError."""
+    if not world:
+        if name:
+            raise UnfitParameterError('robot', f"{name}: there is no parameter 'world', whose robot it could be")
+        return Inflation(), FollowerLimits()
+    try:
+        models = {entity: model for _, entity, model, _ in WorldFile(Path(world)).entities}
+    except SimulationError as error:
+        raise UnfitParameterError('world', str(error)) from None
+    robots = {entity: model for entity, model in models.items() if isinstance(model, RobotModel)}
+    wanted = name or (namespace if namespace in robots or len(robots) != 1 else next(iter(robots)))
+    if wanted not in robots:
+        there = ', '.join(robots) or 'none'
+        raise UnfitParameterError('robot', f'{world} has no robot {wanted!r}{hint(wanted, robots)}; there are: {there}')
+    model = robots[wanted]
+    try:
+        follower = FollowerLimits.of(model.drive)
+        return Inflation.of(model.footprint), replace(follower, speed=min(follower.speed, MOST_SPEED))
+    except SimulationError as error:
+        raise UnfitParameterError('world', f'robot {wanted!r}: {error}') from None
+
+
+def _written(corners: Collection[tuple[float, float]]) -> str:
+    return json.dumps([[x, y] for x, y in corners]) if corners else ''
 
 
 def _inflation(corners: str, radius: float, *fall: float) -> Inflation:

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
+import pytest
 from geometry_msgs.msg import TwistStamped
 from nav2_msgs.action import FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import seconds_of
+from flexbt_core.errors import FlexbtError
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.simulation import Simulation
 from flexbt_sim.simulator import Simulator
@@ -60,7 +63,7 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         without_faults('one', namespace='/fleet/alpha') as one,
         without_faults('other', namespace='/fleet/beta') as other,
     ):
-        probes = [Probe(one), Probe(other)]
+        probes = [Probe(one), Probe(other, hears_commands=False)]  # commands that are sent, and that need not be
         given = '--ros-args -r __node:=x -r __ns:=/y -p desired_linear_vel:=0.2'  # as ros2 launch names the simulator
         Simulation(simulator, given.split())
         places = [(4.0, 1.0), (3.0, 4.0)]
@@ -69,6 +72,9 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         assert [goal.wait().status for goal in goals] == [GoalStatus.SUCCEEDED] * 2
         nodes = one.call(lambda: one.node.get_node_names_and_namespaces())
         assert {('navigation', '/fleet/alpha'), ('navigation', '/fleet/beta')} <= set(nodes)
+        for robot in ('alpha', 'beta'):  # to navigation the pose is handed over
+            heard_by = one.call(partial(one.node.get_subscriptions_info_by_topic, f'/fleet/{robot}/{names.POSE}'))
+            assert [known.node_name for known in heard_by if known.node_name == names.NAVIGATION] == []
         for probe, place in zip(probes, places, strict=True):
             assert probe.wait_at_rest().distance(place) < 0.15
             assert 0.18 < max(probe.speeds(probe.sightings)) < 0.21
@@ -83,15 +89,16 @@ robots: {robot: {model: car, pose: [12, 10, 0]}}
 def test_a_car_drives_backward_to_what_is_behind_it(tmp_path: Path) -> None:
     file = tmp_path / 'yard.yaml'
     file.write_text(YARD, encoding='utf-8')
-    car = {
-        'footprint': '[[3.4, 0.9], [3.4, -0.9], [-0.9, -0.9], [-0.9, 0.9]]',
-        'minimum_turning_radius': 5.0,
-        'desired_linear_vel': 1.5,
-    }
     goal = (9.0, 10.5, 0.0)
     with (
+        without_faults('lost', parameters={'world': str(file), 'robot': 'robt'}) as lost,
+        pytest.raises(FlexbtError, match="no robot 'robt'; did you mean 'robot'"),
+    ):
+        Navigation(lost)
+    car = {'use_sim_time': True, 'world': str(file)}
+    with (
         without_faults(names.SIMULATOR, namespace='/robot', parameters=FAST | {'world': str(file)}) as simulator,
-        without_faults(names.NAVIGATION, namespace='/robot/robot', parameters={'use_sim_time': True} | car) as node,
+        without_faults(names.NAVIGATION, namespace='/robot/robot', parameters=car) as node,
         without_faults('probe', namespace='/robot/robot') as client,
     ):
         probe = Probe(client)
@@ -102,6 +109,7 @@ def test_a_car_drives_backward_to_what_is_behind_it(tmp_path: Path) -> None:
         there = probe.wait_at_rest()
         assert there.distance(goal[:2]) < 0.15
         assert abs(there.yaw) < 0.15
+        assert max(probe.speeds(probe.sightings)) > 1.0  # nobody has told it how fast a car is
         refused = aborted(probe.send(names.SPIN, target_yaw=1.0), Spin.Result.UNKNOWN)
         assert 'minimum_turning_radius of 5 m' in refused.error_msg
 

@@ -40,7 +40,9 @@ def test_the_simulator_says_what_it_cannot_work_with(setting: str, said: list[st
 @pytest.mark.parametrize(
     ('setting', 'said'),
     [
-        ('robot_radius:=-0.2', ["'robot_radius'", '-0.2', '0.01']),
+        ('robot_radius:=-0.2', ["'robot_radius'", '-0.2', '0.001']),
+        ('robot:=alpha', ["'robot'", 'alpha', "'world'"]),
+        ('world:=/nowhere/hall.yaml', ["'world'", '/nowhere/hall.yaml', 'cannot be read']),
         ('xy_goal_tolerance:=0.0', ["'xy_goal_tolerance'", '0.0', '0.01']),
         ('owner_nodes:=bt_server', ["'owner_nodes'", "['bt_server']"]),
     ],
