@@ -21,6 +21,7 @@ REQUIREMENTS: Final = DOCS / 'requirements.txt'
 PACKAGES: Final = DOCS.parent / '.venv' / 'docs'
 GENERATED: Final = (
     'make_architecture.py',
+    'make_bounds.py',
     'make_bt_nodes.py',
     'make_commands.py',
     'make_console.py',

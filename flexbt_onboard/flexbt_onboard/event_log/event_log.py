@@ -56,7 +56,7 @@ EVENT_LOG_SIZE: Final = 10_000_000
 EVENT_LOG_FILES: Final = 5
 """Files that are kept, the one that is being written included."""
 
-_MOST_WAITING: Final = 20_000
+MOST_WAITING: Final = 20_000
 """Events that may wait for a disk that is slow; more of them are lost, and counted."""
 
 STUCK_SECONDS: Final = 2.0
@@ -99,7 +99,7 @@ class EventLog:
         """Write an event with plain values: texts, numbers, lists and mappings."""
         if self._file is None:
             return
-        if self._queue.qsize() >= _MOST_WAITING:
+        if self._queue.qsize() >= MOST_WAITING:
             self._lose(1)
             return
         stamp = self._clock.stamp()
@@ -117,7 +117,7 @@ class EventLog:
         while is_open:
             batch = [self._queue.get()]
             try:
-                while len(batch) < _MOST_WAITING:
+                while len(batch) < MOST_WAITING:
                     batch.append(self._queue.get_nowait())
             except Empty:
                 pass
@@ -148,7 +148,7 @@ class EventLog:
     def _tell_stuck(self) -> None:
         self._tell(
             f'the event log {self._file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; up to '
-            f'{_MOST_WAITING} events wait for it'
+            f'{MOST_WAITING} events wait for it'
         )
 
     def _tell(self, problem: str) -> None:

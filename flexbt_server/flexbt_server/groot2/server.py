@@ -24,7 +24,7 @@ from .watched_tree import WatchedTree, clock
 SILENCE: Final = 5.0
 """After so many seconds without a request the client has gone: its hooks hold nothing up until it is back, s."""
 
-_LARGEST_REQUEST: Final = 1 << 20
+LARGEST_REQUEST: Final = 1 << 20
 _SEND_MILLISECONDS: Final = 1000
 _logger = logging.getLogger(__name__)
 
@@ -78,7 +78,7 @@ class Groot2Server:
         socket = self._context.socket(kind)
         socket.set(zmq.LINGER, 0)
         socket.set(zmq.SNDTIMEO, _SEND_MILLISECONDS)
-        socket.set(zmq.MAXMSGSIZE, _LARGEST_REQUEST)
+        socket.set(zmq.MAXMSGSIZE, LARGEST_REQUEST)
         socket.set(zmq.IPV6, ':' in address)
         socket.bind(f'tcp://{f"[{address}]" if ":" in address else address}:{port}')
         return socket

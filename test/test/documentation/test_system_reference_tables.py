@@ -109,15 +109,16 @@ def shown(parameter: Parameter) -> str:
     return f'`[{", ".join(values)}]`' if values else '–'
 
 
-def test_commands_of_the_operator_link(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('tool', 'page'),
+    [
+        ('make_bounds.py', 'reference/interfaces.md'),
+        ('make_commands.py', 'explanation/operator_link.md'),
+        ('make_world_files.py', 'reference/world_files.md'),
+    ],
+)
+def test_tables_that_are_written_from_the_code(tool: str, page: str, tmp_path: Path) -> None:
     file = tmp_path / 'page.md'
-    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_commands.py', file], check=True)
-    page = (ROOT / 'docs' / 'explanation' / 'operator_link.md').read_text(encoding='utf-8')
-    assert page == file.read_text(encoding='utf-8'), 'run docs/tools/make_commands.py'
-
-
-def test_keys_of_world_files(tmp_path: Path) -> None:
-    file = tmp_path / 'page.md'
-    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / 'make_world_files.py', file], check=True)
-    page = (ROOT / 'docs' / 'reference' / 'world_files.md').read_text(encoding='utf-8')
-    assert page == file.read_text(encoding='utf-8'), 'run docs/tools/make_world_files.py'
+    subprocess.run([sys.executable, ROOT / 'docs' / 'tools' / tool, file], check=True)
+    written, wanted = (where.read_text(encoding='utf-8') for where in (ROOT / 'docs' / page, file))
+    assert written == wanted, f'run docs/tools/{tool}'

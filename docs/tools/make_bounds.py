@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes the tables of bounds in docs/reference/interfaces.md, from the constants that the code checks.
+
+In a shell with the environment of the workspace.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from target import target
+
+from flexbt_common.calls import goal_server
+from flexbt_common.liveness import presence
+from flexbt_common.runtime import latest_message, resources
+from flexbt_common.values import limits, value_text
+from flexbt_core.behavior_tree.script import parser, values
+from flexbt_onboard.commands import command_bounds, input_requests
+from flexbt_onboard.event_log import event_log
+from flexbt_onboard.link import command_intake
+from flexbt_onboard.synthesis import machine_store
+from flexbt_server.actions import execute_server, load_server
+from flexbt_server.groot2 import server as groot2_server
+from flexbt_server.leaves import topic_cache, trigger_services
+from flexbt_server.navigators import navigator
+from flexbt_server.runs import run_logs
+from flexbt_server.trees import blackboards
+from flexbt_sim.nodes import navigation_servers
+from flexbt_sim.world import FARTHEST, MAX_CELLS, MAX_RESOLUTION, MIN_RESOLUTION
+
+PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
+BEGIN: Final = '<!-- written by docs/tools/make_bounds.py -->\n'
+END: Final = '<!-- end of what is written -->\n'
+PARTS: Final = {'Goal': 'action', 'Request': 'srv'}
+"""Of a type's name, and where the interface is that it is a part of."""
+
+
+def bounds() -> Iterator[tuple[str, str]]:
+    """What is bounded beside fields, and by how much."""
+    yield 'a text of which the next table says nothing (name, key, frame, identifier)', f'{limits.TEXT:,} characters'
+    yield 'a list of which it says nothing', f'{limits.LIST:,} elements'
+    yield 'a message', f'{limits.MESSAGE:,} characters, bytes and elements in all'
+    yield (
+        'a command to the executive; of one sender',
+        (
+            f'{command_intake.COMMAND_BYTES:,} bytes; {command_intake.COMMAND_RATE:g} a second, and '
+            f'{command_intake.COMMAND_BURST} at once'
+        ),
+    )
+    yield 'its texts', lengths(command_bounds.COMMAND_LENGTHS)
+    yield (
+        'its arguments; its inputs',
+        (
+            f'{command_bounds.ARGUMENTS}, of {lengths(command_bounds.ARGUMENT_LENGTHS)}; {command_bounds.INPUTS}, of '
+            f'{lengths(command_bounds.INPUT_LENGTHS)}'
+        ),
+    )
+    yield (
+        'an input request, its choices, and how many wait at a time',
+        (
+            f'{lengths(command_bounds.REQUEST_LENGTHS)}; {command_bounds.CHOICES} of {command_bounds.CHOICE_LENGTH} '
+            f'characters; {command_bounds.OPEN_REQUESTS}'
+        ),
+    )
+    yield (
+        'a text for people that an executive sends',
+        (f'the middle of what is longer than {limits.LONG_TEXT:,} characters is left out'),
+    )
+    yield 'YAML that is no JSON, as the text of a value', f'{value_text.MAX_YAML:,} characters'
+    yield 'the name of a file, and directories in it', f'{resources.MAX_NAME:,} characters; {resources.MAX_PARTS}'
+    yield (
+        'a message for a leaf that looks at a topic',
+        ', '.join(
+            [f'{limits.MESSAGE:,} bytes', *(f'`{one.__name__}` {n:,}' for one, n in latest_message.MOST_BYTES.items())]
+        ),
+    )
+    yield (
+        'goals at a time',
+        (
+            f'`bt_executor` {execute_server.MOST_RUNS}; a navigator {navigator.MOST_GOALS}; `bt_loader` '
+            f'{load_server.MOST_LOADS}; `operator_input` {input_requests.MOST_REQUESTS}; any other action '
+            f'{goal_server.MOST_GOALS:,}'
+        ),
+    )
+    yield (
+        'results of an action that can be asked for again',
+        (
+            f'{goal_server.MOST_RESULTS:,}, and {goal_server.RESULTS_LENGTH:,} characters, bytes and elements, for '
+            f'{goal_server.RESULT_SECONDS:g} s'
+        ),
+    )
+    yield (
+        'blackboards that are kept while nothing runs on them',
+        (f'{blackboards.MOST_BLACKBOARDS}, those that were named last, beside the shared one'),
+    )
+    yield (
+        'entries of a blackboard, and all values that were given from outside',
+        (f'{blackboards.MOST_KEYS:,}; {blackboards.MOST_VALUES:,} characters and bytes'),
+    )
+    yield (
+        'a text that an operator of a script makes; all texts of the blackboard then; a script',
+        (f'{values.MAX_TEXT:,} characters; {values.MAX_TEXTS:,}; {parser.MAX_TOKENS:,} tokens'),
+    )
+    yield (
+        'a machine that is kept, and how many of them',
+        (f'{machine_store.MACHINE_LENGTH:,} characters; {machine_store.MOST_MACHINES}'),
+    )
+    yield (
+        'a place; of one motion its turn, distance and speed',
+        (
+            f'±{FARTHEST:,.0f} m; ±{navigation_servers.MOST_TURN:,.0f} rad, {navigation_servers.MOST_DISTANCE:,.0f} m, '
+            f'{navigation_servers.MOST_SPEED:g} m/s'
+        ),
+    )
+    yield 'a map, and a cell of it', f'{MAX_CELLS:,} cells; {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
+    yield (
+        "a frame of a message to Groot2's port",
+        (f'{groot2_server.LARGEST_REQUEST:,} bytes; the connection is closed'),
+    )
+    yield (
+        'topics and services for leaves that are kept while no tree needs them',
+        (f'{topic_cache.MOST_TOPICS}; {trigger_services.MOST_SERVICES}'),
+    )
+    yield (
+        'tokens of presence that an executive hears, of one process and of all',
+        (f'{presence.TOKENS_OF_PARTICIPANT}; {presence.MOST_TOKENS}'),
+    )
+    yield (
+        'what waits for a disk that hangs: events; rounds of ticks',
+        (f'{event_log.MOST_WAITING:,}; {run_logs.MOST_WAITING:,}'),
+    )
+
+
+def lengths(of: Mapping[str, int]) -> str:
+    """Characters, or bytes, of each field."""
+    return ', '.join(f'`{name}` {count:,}' for name, count in of.items())
+
+
+def fields() -> Iterator[tuple[str, str]]:
+    """The fields with a bound of their own."""
+    for key, bound in limits.LIMITS.items():
+        package, _, path = key.partition('/')
+        type_name, _, field = path.partition('.')
+        name, _, part = type_name.partition('_')
+        type = getattr(importlib.import_module(f'{package}.{PARTS.get(part, "msg")}'), name)
+        length = unit(getattr(type, part) if part else type, field)
+        yield f'`{path.replace("_", ".", 1) if part else path}`', f'{bound:,} {length}'
+
+
+def unit(type: Any, field: str) -> str:
+    """In what the length of a field is told."""
+    kind = type.get_fields_and_field_types()[field.removesuffix('[]')]
+    if kind == 'string' or field.endswith('[]'):
+        return 'characters'
+    return 'bytes' if kind in ('sequence<uint8>', 'sequence<octet>') else 'elements'
+
+
+def table(head: str, rows: Iterator[tuple[str, str]]) -> str:
+    """A table of what, and at most how much."""
+    return ''.join([f'| {head} | at most |\n|---|---|\n', *(f'| {what} | {most} |\n' for what, most in rows)])
+
+
+def page() -> str:
+    """The whole page, with the tables as they are to be."""
+    before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
+    after = rest.partition(END)[2]
+    return '\n'.join([before + BEGIN, table('what', bounds()), table('field', fields()), END + after])
+
+
+if __name__ == '__main__':
+    target(__doc__, PAGE).write_text(page(), encoding='utf-8')
