@@ -21,7 +21,6 @@ import threading
 from functools import cache
 from typing import Any, Final
 
-from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Clock
 from flexbt_core.state_machine import EventState, ExitReason, Severity
@@ -178,11 +177,4 @@ def _services_of(node: Any) -> StateServices:
         f'{node.get_name()}_bt', args=(), parameters={'use_sim_time': is_simulated}, namespace=node.get_namespace()
     )
     atexit.register(runtime.close)
-    return runtime.call(
-        lambda: StateServices(
-            runtime=runtime,
-            actions=ActionLinks(runtime),
-            services=ServiceLinks(runtime),
-            node_name=runtime.node.get_fully_qualified_name(),
-        )
-    )
+    return StateServices.of(runtime)

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Severity
 
@@ -40,14 +39,7 @@ def _services(run: RunContext) -> StateServices:
         else:
             os.environ[_DISCOVERY] = before
     run.at_end(runtime.close)
-    return runtime.call(
-        lambda: StateServices(
-            runtime=runtime,
-            actions=ActionLinks(runtime),
-            services=ServiceLinks(runtime),
-            node_name=runtime.node.get_fully_qualified_name(),
-        )
-    )
+    return StateServices.of(runtime)
 
 
 def _say_nothing(severity: Severity, path: str, text: str) -> None:

@@ -45,6 +45,13 @@ class StateServices:
     unready: Callable[[], Sequence[str]] = field(default=tuple)
     goals: RunGoals = field(default_factory=RunGoals)
 
+    @classmethod
+    def of(cls, runtime: NodeRuntime) -> StateServices:
+        """Those of a node that knows nothing of others."""
+        return runtime.call(
+            lambda: cls(runtime, ActionLinks(runtime), ServiceLinks(runtime), runtime.node.get_fully_qualified_name())
+        )
+
 
 def state_services(state: EventState) -> StateServices:
     """The services that a state was given by its host.

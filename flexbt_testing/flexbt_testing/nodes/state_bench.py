@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from flexbt_common.calls import ActionLinks, ServiceLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine, Position
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
@@ -94,14 +93,7 @@ class StateBench:
 
     def __init__(self) -> None:
         self.runtime = NodeRuntime('bench_executive', args=())
-        self.services = self.runtime.call(
-            lambda: StateServices(
-                runtime=self.runtime,
-                actions=ActionLinks(self.runtime),
-                services=ServiceLinks(self.runtime),
-                node_name=self.runtime.node.get_fully_qualified_name(),
-            )
-        )
+        self.services = StateServices.of(self.runtime)
         self.closing: list[Callable[[], object]] = []
         """What else is to be closed at the end."""
         self._servers: list[NodeRuntime] = []
