@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from flexbt_core.synthesis import synthesize
 from flexbt_core.synthesis.games import Encoding, Section, parse_formula
@@ -26,7 +27,7 @@ from flexbt_core.synthesis.inputs import (
     read_specification,
     translated,
 )
-from flexbt_core.synthesis.machines import read_sm_loader, state_instantiations
+from flexbt_core.synthesis.machines import Part, State, SynthesizedMachine, state_instantiations
 
 DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data')) / 'synthesis'
 PAIRS = [
@@ -99,9 +100,38 @@ def test_a_specification_that_is_written_is_read_as_the_same() -> None:
         assert [parse_formula(text, ours.ranges) for text, _ in entries] == ours.of(section)
 
 
+def parameter(value: Any) -> Any:
+    """As the machines have it: quoted text is text, any other text is code."""
+    if not isinstance(value, str):
+        return value
+    return value[1:-1] if value[0] in '\'"' else f'*{value}'
+
+
+def sm_loader_machine(name: str) -> SynthesizedMachine:
+    """A machine that was written for flexbe_synthesis' ``sm_loader``."""
+    written = yaml.safe_load((DATA / name).read_text(encoding='utf-8'))
+    states = {}
+    for one in written['states']:
+        parameters = {key: parameter(value) for key, value in one.get('parameters', {}).items()}
+        keys = one.get('userdata_keys', [])
+        remapping = dict(zip(keys, one.get('userdata_remapping', keys), strict=True))
+        outcomes = tuple(one['outcomes'])
+        part = Part(one['name'], one['state_class'], parameters, outcomes, remapping)
+        levels = one.get('autonomy', [1] * len(outcomes))
+        states[one['name']] = State(
+            one['name'],
+            (part,),
+            dict(zip(outcomes, one['transitions'], strict=True)),
+            dict(zip(outcomes, levels, strict=True)),
+        )
+    initial = written['sm']['initial_state']
+    ordered = {initial: states[initial], **states}
+    return SynthesizedMachine(Path(name).stem, tuple(written['sm']['outcomes']), ordered)
+
+
 def test_a_machine_that_is_written_is_loaded_and_said_as_upstream_says_it() -> None:
     files = expected('hello_world')
-    machine = read_sm_loader((DATA / files['state_machine']).read_text(encoding='utf-8'), files['state_machine'])
+    machine = sm_loader_machine(files['state_machine'])
     ours = state_instantiations(machine)
     assert len(ours) == files['tested_upstream']['state_count']
     for one, theirs in zip(ours, files['observed']['states'], strict=True):

@@ -12,8 +12,6 @@ from ..errors import CommandError, WorkspaceError
 from ..terminal import report, run_logged, step
 from ..workspace import Workspace
 
-_MODULE_CHECKERS = ('ruff', 'mypy')
-
 
 @dataclass(frozen=True)
 class Check:

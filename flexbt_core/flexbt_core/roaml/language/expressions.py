@@ -63,7 +63,6 @@ _TOKEN: Final = re.compile(
     r'|(?P<sign>===|!==|==|!=|<=|>=|&&|\|\||[-+*/%<>!()\[\]{},.:?]))',
     re.DOTALL,
 )
-_ESCAPED: Final = re.compile(r'\\(.)', re.DOTALL)
 _ESCAPES: Final = {'n': '\n', 't': '\t', 'r': '\r', 'b': '\b', 'f': '\f', '0': '\0'}
 _LEVELS: Final = (('||',), ('&&',), ('==', '!=', '===', '!=='), ('<', '>', '<=', '>='), ('+', '-'), ('*', '/', '%'))
 _FUNCTIONS: Final = {

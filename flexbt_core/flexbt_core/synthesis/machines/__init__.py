@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Machines of strategies: the fewest states, userdata that is there, and their text."""
 
-from .flexbe_form import read_sm_loader, state_instantiations
+from .flexbe_form import state_instantiations
 from .from_strategy import machine_of
 from .machine import Part, State, SynthesizedMachine
 from .python_text import machine_as_python
@@ -14,7 +14,6 @@ __all__ = [
     'machine_as_python',
     'machine_as_yaml',
     'machine_of',
-    'read_sm_loader',
     'reasons',
     'state_instantiations',
 ]

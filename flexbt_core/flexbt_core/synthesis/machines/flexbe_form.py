@@ -1,28 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's form of a machine: the fields of ``flexbe_msgs/StateInstantiation``, and machines that are written as YAML
-for flexbe_synthesis' ``sm_loader``."""
+"""FlexBE's form of a machine: the fields of ``flexbe_msgs/StateInstantiation``."""
 
 from __future__ import annotations
 
 from typing import Any, Final
 
 from flexbt_core.synthesis.errors import SynthesisError
-from flexbt_core.synthesis.inputs import YamlFile
 
 from .machine import Part, State, SynthesizedMachine
 from .yaml_text import is_code
-
-_STATE_KEYS: Final = (
-    'name',
-    'state_class',
-    'behavior_class',
-    'parameters',
-    'outcomes',
-    'transitions',
-    'autonomy',
-    'userdata_keys',
-    'userdata_remapping',
-)
 
 _LISTS: Final = (
     'input_keys',
@@ -116,61 +102,3 @@ def _entry(path: str, state_class: str, **fields: Any) -> dict[str, Any]:
     empty: dict[str, Any] = {name: [] for name in _LISTS}
     local = state_class.rpartition('/')[2]
     return {'state_path': path, 'state_class': local, 'behavior_class': '', 'initial_state_name': '', **empty, **fields}
-
-
-def read_sm_loader(text: str, source: str) -> SynthesizedMachine:
-    """A machine that was written for ``sm_loader``.
-
-    Raises:
-        SynthesisError: with every problem of it, each as ``source:line: what``.
-    """
-    file = YamlFile(text, source)
-    top = file.top('a machine', ('sm', 'states'))
-    whole = file.entries(top.get('sm'), 'sm', ('outcomes', 'initial_state'))
-    outcomes = tuple(one.text for one in file.words(whole.get('outcomes'), 'outcomes'))
-    states: dict[str, State] = {}
-    nodes = file.sequence(top['states'], 'states') if 'states' in top else []
-    for node in nodes:
-        entries = file.entries(node, 'a state', _STATE_KEYS)
-        name = file.word(entries['name'], 'name') if 'name' in entries else ''
-        words = {
-            key: [one.text for one in file.words(entries.get(key), f'{key} of {name}')]
-            for key in ('outcomes', 'transitions', 'autonomy', 'userdata_keys', 'userdata_remapping')
-        }
-        if not name or name in states or 'state_class' not in entries:
-            file.problem(node, f"a state has to have a name of its own and a state_class, not '{name}'")
-            continue
-        if len(words['outcomes']) != len(words['transitions']):
-            file.problem(
-                node, f'{name} has {len(words["outcomes"])} outcomes and {len(words["transitions"])} transitions'
-            )
-        levels = [file.number(node, level, f'autonomy of {name}') for level in words['autonomy']]
-        if any(level not in range(4) for level in levels) or len(levels) not in (0, len(words['outcomes'])):
-            file.problem(node, f'autonomy of {name} has to be a level from 0 to 3 for each outcome')
-            levels = []
-        given = file.values(entries['parameters'], f'parameters of {name}') if 'parameters' in entries else {}
-        part = Part(
-            name,
-            file.word(entries['state_class'], f'state_class of {name}'),
-            {key: _constant(value) for key, value in given.items()},
-            tuple(words['outcomes']),
-            dict(zip(words['userdata_keys'], words['userdata_remapping'] or words['userdata_keys'], strict=False)),
-        )
-        autonomy = dict(zip(words['outcomes'], levels or [1] * len(words['outcomes']), strict=False))
-        states[name] = State(name, (part,), dict(zip(words['outcomes'], words['transitions'], strict=False)), autonomy)
-    initial = file.word(whole['initial_state'], 'initial_state') if 'initial_state' in whole else next(iter(states), '')
-    if initial not in states:
-        file.note(1, f"the initial state '{initial}' is none of the states")
-    for state, outcome, target in SynthesizedMachine('', outcomes, states).edges():
-        if target not in states and target not in outcomes:
-            file.note(1, f"{state}: '{outcome}' leads to '{target}', which is no state and no outcome")
-    file.end()
-    ordered = {initial: states[initial], **states}
-    return SynthesizedMachine(source.rpartition('/')[2].partition('.')[0], outcomes, ordered)
-
-
-def _constant(value: Any) -> Any:
-    """A parameter as Python source: quoted text is text, anything else code."""
-    if isinstance(value, str) and len(value) > 1 and value[0] == value[-1] and value[0] in '\'"':
-        return value[1:-1]
-    return f'*{value}' if isinstance(value, str) else value
