@@ -7,6 +7,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from flexbt_core.values import counted
+
 from .errors import SimulationError
 from .world import Trace, World, draw_world
 
@@ -48,8 +50,8 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(world: World, options: argparse.Namespace) -> str:
-    kinds = ('robots', 'obstacles', 'doors', 'stations', 'zones', 'places', 'faults')
-    return f'{options.file}: ' + ', '.join(f'{len(getattr(world, kind))} {kind}' for kind in kinds)
+    kinds = ('robot', 'obstacle', 'door', 'station', 'zone', 'place', 'fault')
+    return f'{options.file}: ' + ', '.join(counted(len(getattr(world, f'{kind}s')), kind) for kind in kinds)
 
 
 def _draw(world: World, options: argparse.Namespace) -> str:
