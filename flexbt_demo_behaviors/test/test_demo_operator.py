@@ -23,6 +23,7 @@ from flexbt_console.mirror import (
     ResultCode,
     Snapshot,
     TrackedCommand,
+    View,
 )
 from flexbt_console.mirror import Pose as Place
 from flexbt_core.clock import ManualClock
@@ -120,6 +121,26 @@ def test_a_decision_that_was_answered_is_not_taken_for_the_next_one(operator: Sc
         operator.wait_decision(DecisionKind.INPUT, '/AskGoal', timeout=0.05)
     link.show(replace(RUNNING, decisions=(replace(QUESTION, id='q9'),)))
     assert operator.wait_decision(DecisionKind.INPUT, '/AskGoal', timeout=5.0).id == 'q9'
+
+
+def test_who_hears_the_robot_does_not_wait_while_the_operator_looks(operator: ScriptedOperator) -> None:
+    looks, has_looked = threading.Event(), threading.Event()
+
+    def look(_view: View) -> bool:
+        looks.set()
+        return has_looked.wait(60.0)
+
+    looking = threading.Thread(target=operator.wait, args=(look, 'a look', 60.0))
+    hearing = threading.Thread(target=operator.notify)
+    looking.start()
+    try:
+        assert looks.wait(60.0)
+        hearing.start()
+        hearing.join(10.0)
+        assert not hearing.is_alive()
+    finally:
+        has_looked.set()
+        looking.join(60.0)
 
 
 def test_the_wanted_outcome_is_confirmed_and_another_one_forced(operator: ScriptedOperator, link: Link) -> None:

@@ -8,9 +8,10 @@ import math
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from rclpy.qos import QoSProfile
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import seconds_of
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.world import OccupancyMap
@@ -20,6 +21,8 @@ from .robot_track import Pose, RobotTrack
 
 EACH = 1000
 """Messages that may wait where each counts: poses, for the driven path, and what trees do."""
+
+POSE_BYTES = 2_000
 
 
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
@@ -31,7 +34,8 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
         origin = info.origin.position
         track.set_map(OccupancyMap(cells, info.resolution, Origin(origin.x, origin.y, yaw_of(info.origin.orientation))))
 
-    def on_pose(message: PoseStamped) -> None:
+    def on_pose(received: Received) -> None:
+        message: PoseStamped = received.unpack(PoseStamped)
         position = message.pose.position
         track.add_pose(Pose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message.header.stamp))
 
@@ -51,7 +55,8 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
-        node.create_subscription(PoseStamped, names.POSE, on_pose, EACH)
+        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
+        ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
         node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
         node.create_subscription(TreeStructure, names.TREE_STRUCTURE, on_structure, names.latched(EACH))

@@ -35,6 +35,10 @@ T = TypeVar('T')
 ANSWER_TIMEOUT_S = 30.0
 DRIVE_TIMEOUT_S = 300.0
 
+# From one look at what is waited for to the next. The poses come much more often; who hears them must not wait for the
+# looks, or what is seen is seconds old on a busy computer.
+LOOK_S = 0.02
+
 # A place in this distance of the robot, in metres, is no goal to drive to.
 FAR_ENOUGH = 2.5
 
@@ -63,6 +67,7 @@ class ScriptedOperator:
         self._make = make
         self._timeline = timeline
         self._changed = threading.Condition()
+        self._changes = 0
         self._problem = ''
         self._answered: set[str] = set()
         self._goal_label = ''
@@ -73,13 +78,13 @@ class ScriptedOperator:
     def notify(self) -> None:
         """Check again what is waited for; from any thread."""
         with self._changed:
+            self._changes += 1
             self._changed.notify_all()
 
     def abandon(self, problem: str) -> None:
         """End the current and every later wait with this problem; from any thread."""
-        with self._changed:
-            self._problem = self._problem or problem
-            self._changed.notify_all()
+        self._problem = self._problem or problem
+        self.notify()
 
     def places(self, preferred: Sequence[str]) -> Sequence[str]:
         """The places to drive to: the preferred ones, or, with another map, as many that are not where the robot is.
@@ -106,18 +111,21 @@ class ScriptedOperator:
         Raises DemoError when it does not within `timeout` seconds, or when the demonstration was abandoned.
         """
         deadline = time.monotonic() + timeout
-        with self._changed:
-            while True:
-                if self._problem:
-                    raise DemoError(self._problem)
-                view = self._mirror.view()
-                found = wanted(view)
-                if found is not None and found is not False:
-                    return found
-                remaining = deadline - time.monotonic()
-                if remaining <= 0.0:
-                    raise DemoError(f'{what}: not within {timeout:.0f} s; {_described(view)}')
-                self._changed.wait(remaining)
+        while True:
+            with self._changed:
+                changes = self._changes
+            if self._problem:
+                raise DemoError(self._problem)
+            view = self._mirror.view()
+            found = wanted(view)
+            if found is not None and found is not False:
+                return found
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
+                raise DemoError(f'{what}: not within {timeout:.0f} s; {_described(view)}')
+            with self._changed:
+                self._changed.wait_for(lambda seen=changes: self._changes != seen, remaining)  # type: ignore[misc]
+            time.sleep(LOOK_S)
 
     def wait_ready(self, peers: int, timeout: float) -> None:
         """Wait until the executive is heard and sees its peers ready, and the robot and its map are known."""

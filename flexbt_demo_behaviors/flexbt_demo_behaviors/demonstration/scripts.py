@@ -8,6 +8,7 @@ that the robot arrives by its recovery only. On a map of one's own nobody knows 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from flexbt_console.mirror import AutonomyLevel, Decision, DecisionKind
@@ -46,6 +47,10 @@ LOUNGE_DOOR = Box(10.1, 5.48, 0.9, 0.3)
 STORE_PASSAGE = Box(6.8, 5.25, 0.6, 0.3)
 """Before the only passage to the store; in the corridor there is room for a recovery."""
 
+INTERVENTION_SPEED = 3.0
+"""Seconds of the world in one second at most, where the operator intervenes: at ten times that of the world, a way is
+over within three seconds."""
+
 REACHED = 'goal reached'
 DRIVEN_ROUND = 'a box on the way: driven round'
 RECOVERED = 'a blocked doorway: recovery until it is free'
@@ -59,10 +64,11 @@ def navigate(operator: ScriptedOperator, simulation: Simulation | None, report: 
     first, second, third = operator.places(('kitchen', 'office', 'lounge'))
     operator.start('Navigate', AutonomyLevel.HIGH)
 
-    operator.give_goal(first)
-    operator.wait_state('/Drive')
-    if simulation is not None:
-        _put_ahead(operator, simulation, 'crate', CRATE)
+    with _slowly(simulation):
+        operator.give_goal(first)
+        operator.wait_state('/Drive')
+        if simulation is not None:
+            _put_ahead(operator, simulation, 'crate', CRATE)
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(REACHED)
@@ -70,18 +76,20 @@ def navigate(operator: ScriptedOperator, simulation: Simulation | None, report: 
         simulation.take_away('crate')
         report.take(DRIVEN_ROUND)
 
-    operator.give_goal(second)
-    operator.wait_driven(2.0)
-    operator.force('/Drive', 'canceled')
+    with _slowly(simulation):
+        operator.give_goal(second)
+        operator.wait_driven(2.0)
+        operator.force('/Drive', 'canceled')
     operator.wait_rest()
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('replaced on the way', must_reach=False))
     report.take(REPLACED)
 
-    operator.give_goal(third)
-    if simulation is not None:
-        _free_by_recovery(operator, simulation)
-        report.take(RECOVERED)
+    with _slowly(simulation):
+        operator.give_goal(third)
+        if simulation is not None:
+            _free_by_recovery(operator, simulation)
+            report.take(RECOVERED)
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(REPLACEMENT_REACHED)
@@ -109,9 +117,11 @@ def navigate_split(operator: ScriptedOperator, simulation: Simulation | None, re
     operator.start('Navigate Split', AutonomyLevel.HIGH)
 
     operator.give_goal(first)
-    operator.choose(_wait_plan(operator), 'done')
+    with _slowly(simulation):
+        operator.choose(_wait_plan(operator), 'done')
+        if simulation is not None:
+            _put_ahead(operator, simulation, 'cupboard', STORE_PASSAGE)
     if simulation is not None:
-        _put_ahead(operator, simulation, 'cupboard', STORE_PASSAGE)
         operator.wait_begun('Recover')
         simulation.take_away('cupboard')
         _wait_asked_again(operator)
@@ -129,24 +139,27 @@ def navigate_split(operator: ScriptedOperator, simulation: Simulation | None, re
     report.take(ANOTHER_GOAL)
 
     operator.give_goal(third)
-    operator.choose(_wait_plan(operator), 'failed')
-    operator.wait_state('/Recover')
+    with _slowly(simulation):
+        operator.choose(_wait_plan(operator), 'failed')
+        operator.wait_state('/Recover')
     _wait_asked_again(operator)
     report.take(REJECTED)
 
     operator.give_goal(third)
-    operator.choose(_wait_plan(operator), 'done')
-    operator.wait_driven(3.2)
-    operator.force('/FollowPath', 'failed')
-    operator.wait_state('/Recover')
+    with _slowly(simulation):
+        operator.choose(_wait_plan(operator), 'done')
+        operator.wait_driven(3.2)
+        operator.force('/FollowPath', 'failed')
+        operator.wait_state('/Recover')
     _wait_asked_again(operator)
     report.goals.append(operator.close_goal('sent to recovery', must_reach=False))
     report.take(RECOVERY_FORCED)
 
     operator.give_goal(third)
-    operator.choose(_wait_plan(operator), 'done')
-    operator.wait_driven(1.0)
-    operator.stop()
+    with _slowly(simulation):
+        operator.choose(_wait_plan(operator), 'done')
+        operator.wait_driven(1.0)
+        operator.stop()
     operator.wait_rest()
     operator.wait_end('preempted')
     report.goals.append(operator.close_goal('stopped by the operator', must_reach=False))
@@ -158,11 +171,12 @@ def navigate_split(operator: ScriptedOperator, simulation: Simulation | None, re
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     report.take(AUTONOMOUS)
 
-    operator.give_goal(second)
-    operator.wait_driven(1.0)
-    operator.force('/FollowPath', 'failed')
-    operator.wait_state('/Recover')
-    operator.force('/Recover', 'failed')
+    with _slowly(simulation):
+        operator.give_goal(second)
+        operator.wait_driven(1.0)
+        operator.force('/FollowPath', 'failed')
+        operator.wait_state('/Recover')
+        operator.force('/Recover', 'failed')
     operator.wait_rest()
     operator.wait_end('failed')
     report.goals.append(operator.close_goal('given up', must_reach=False))
@@ -187,6 +201,11 @@ DEMONSTRATIONS = {
         navigate_split,
     ),
 }
+
+
+def _slowly(simulation: Simulation | None) -> AbstractContextManager[None]:
+    """As fast as an operator can intervene on the way, whose computer is busy."""
+    return nullcontext() if simulation is None else simulation.no_faster_than(INTERVENTION_SPEED)
 
 
 def _put_ahead(operator: ScriptedOperator, simulation: Simulation, name: str, box: Box) -> None:

@@ -77,11 +77,18 @@ class Simulation:
     @contextlib.contextmanager
     def in_real_time(self) -> Iterator[None]:
         """The world is not faster than real time in this context, so that a busy computer can intervene in time."""
-        self._set_speed(min(self._speed, REAL_TIME))
+        with self.no_faster_than(REAL_TIME):
+            yield
+
+    @contextlib.contextmanager
+    def no_faster_than(self, factor: float) -> Iterator[None]:
+        """At most so many seconds of the world pass in one second in this context."""
+        before = self._speed
+        self._set_speed(min(before, factor))
         try:
             yield
         finally:
-            self._set_speed(self._speed)
+            self._set_speed(before)
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """The response of a service of the simulator."""
@@ -97,6 +104,7 @@ class Simulation:
         response = self.call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[value]))
         if not response.results[0].successful:
             raise DemoError(f'the speed of the simulator was not set: {response.results[0].reason}')
+        self._speed = factor
 
 
 def call_service(runtime: NodeRuntime, service_type: Any, name: str, request: Any) -> Any:
