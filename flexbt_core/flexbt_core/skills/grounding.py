@@ -78,6 +78,8 @@ class Grounding:
         self._library = library
         self._goal = goal
         self._start = {one for one in start if one.positive}
+        self._texts: dict[Literal, str] = {}
+        self._exclusive: dict[tuple[str, tuple[str, ...], tuple[str, ...]], frozenset[Literal]] = {}
         skills = library.skills.values()
         self._changed = {
             effect.predicate
@@ -154,26 +156,38 @@ class Grounding:
         """What holds afterwards, and what does not any more: also what cannot hold together with that."""
         effects = {one.bound(binding) for one in outcome.effects}
         true = {one for one in effects if one.positive}
-        false = {one.atom for one in effects if not one.positive}
+        false = effects - true
         for one in true:
-            false |= set(self._excluded(one))
-        return true | {~one for one in false - true}
+            false |= self._one_at_most(one)
+        return true | (false - {~one for one in true})
 
     def _atoms_of(self, effects: set[Literal], *, added: bool) -> frozenset[str]:
         """What effects make true, or false: atoms, and those that stand for a literal with ``not``."""
-        plain = {str(one.atom) for one in effects if one.positive is added}
+        plain = {self._text(one) for one in effects if one.positive is added}
         opposite = {str(~one.atom) for one in effects if one.positive is not added and one.predicate in self._negated}
         return frozenset(plain | opposite)
 
-    def _excluded(self, atom: Literal) -> Iterator[Literal]:
-        """The atoms that cannot hold together with this one."""
+    def _text(self, literal: Literal) -> str:
+        """The atom of a literal, as text."""
+        found = self._texts.get(literal)
+        if found is None:
+            found = self._texts[literal] = str(literal.atom)
+        return found
+
+    def _one_at_most(self, atom: Literal) -> frozenset[Literal]:
+        """That none of those holds of which one at most holds, this one among them; nothing for other predicates."""
         predicate = self._library.predicates[atom.predicate]
         if predicate.exclusive is None:
-            return
+            return frozenset()
         place = list(predicate.parameters).index(predicate.exclusive)
-        for other in self._library.objects_of(predicate.parameters[predicate.exclusive]):
-            if other != atom.arguments[place]:
-                yield Literal(atom.predicate, (*atom.arguments[:place], other, *atom.arguments[place + 1 :]))
+        before, after = atom.arguments[:place], atom.arguments[place + 1 :]
+        key = (atom.predicate, before, after)
+        found = self._exclusive.get(key)
+        if found is None:
+            objects = self._library.objects_of(predicate.parameters[predicate.exclusive])
+            found = frozenset(Literal(atom.predicate, (*before, one, *after), positive=False) for one in objects)
+            self._exclusive[key] = found
+        return found
 
     def bindings(self, skill: Skill) -> Iterator[dict[str, str]]:
         """Objects for the parameters, one after the other; what cannot hold is left as soon as that is known."""
