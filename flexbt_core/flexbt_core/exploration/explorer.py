@@ -11,7 +11,7 @@ import gc
 import itertools
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -272,7 +272,7 @@ class _Exploration:
             depth=graph.depth,
             seconds=time.process_time() - self._begin,
             counterexamples=tuple(
-                Counterexample(violation, moves, tuple(self.tell(moves)))
+                Counterexample(violation, moves, tuple(narrate(self._make, moves, [violation])))
                 for violation, moves in self._found.violations.items()
             ),
             notes=tuple(notes),
@@ -288,10 +288,6 @@ class _Exploration:
     @property
     def _is_complete(self) -> bool:
         return not self._stopped_by and not self._cut
-
-    def tell(self, moves: tuple[Move, ...]) -> list[str]:
-        """The way in words, replayed on a new system."""
-        return narrate(self._make, moves)
 
     def _at(self, moves: tuple[Move, ...]) -> System:
         system = self._make()
@@ -345,13 +341,16 @@ def walk(make: Callable[[], System], moves: Iterable[Move]) -> Iterator[Moment]:
         yield Moment(system, label, ', '.join(str(one) for one in choices.made), violations)
 
 
-def narrate(make: Callable[[], System], moves: tuple[Move, ...]) -> list[str]:
-    """What happens on a way, a line for each step and for what follows from it, on a new system."""
+def narrate(
+    make: Callable[[], System], moves: tuple[Move, ...], about: Collection[Violation] | None = None
+) -> list[str]:
+    """What happens on a way, a line for each step and for what follows from it, on a new system. Of what is wrong
+    with it only what it is ``about`` is told; None: all."""
     lines = [f'it begins: {make().position()}']
     for number, moment in enumerate(walk(make, moves), start=1):
         lines.append(f'{number}. {moment}')
         lines += [f'     {line}' for line in moment.happened]
-        lines += [f'     ! {violation.text}' for violation in moment.violations]
+        lines += [f'     ! {one.text}' for one in moment.violations if about is None or one in about]
     return lines
 
 

@@ -16,6 +16,7 @@ class Property(Enum):
     NO_LIVELOCK = 'nothing goes round without waiting for anything'
     NO_DEADLOCK = 'something can always happen'
     REACHABLE = 'every outcome, and every node of a tree, can be reached'
+    LIMITS = 'what limits how often something begins makes it wait at some time'
     CAN_END = 'it can always still end'
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
@@ -36,7 +37,7 @@ class Property(Enum):
 
 
 _OF_WHAT_CANNOT_FOLLOW = frozenset(
-    (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE, Property.RECOVERY, Property.POSSIBLE)
+    (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE, Property.LIMITS, Property.RECOVERY, Property.POSSIBLE)
 )
 
 

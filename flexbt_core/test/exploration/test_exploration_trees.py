@@ -210,7 +210,7 @@ DEFECTS = {
     'is told to be elsewhere': ('<Sequence><IsAt goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
     'begun once what is to be begun again': (
         '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
-        Property.REACHABLE,
+        Property.LIMITS,
     ),
     'not given up': ('<Timeout msec="10001"><Lift/></Timeout>', Property.DEADLINE),
     'lost wake-up': (

@@ -15,6 +15,8 @@ _REMEDIES: Final = {
     Property.NO_DEADLOCK: 'have the node call wake() or wake_at(), give it a time limit, or another outcome for that',
     Property.CAN_END: 'lead out of there: by a limit of attempts or a Timeout in a tree, by a transition in a machine',
     Property.REACHABLE: 'leave it out, or mend what keeps it from being used: ports, order of children, control above',
+    Property.LIMITS: 'put it where it is ticked again after its child has succeeded, such as into a PipelineSequence, '
+    'or leave it out',
     Property.POSSIBLE: 'lead back from there, as reactive controls and further attempts do, or do not require it',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
@@ -61,9 +63,12 @@ def report_lines(report: Report) -> Iterator[str]:
         why = report.stopped_by or 'too many ways to answer in one step'
         yield f'{report.name}: {wrong} as far as it was followed ({size})'
         yield f'  NOT followed to the end ({why}): all ways of up to {max(report.depth - 1, 0)} steps: {report.bounds}'
-    ends = ', '.join(f'{name}' for name in sorted(report.ends)) or 'in no way'
-    yield f'  it can end: {ends}'
-    yield f'  taken: {report.covered} of {report.coverable}' + (
+    ends = ', '.join(sorted(report.ends)) or 'in no way'
+    is_cut = any(
+        one.violation.property.is_shown_by_a_way and not one.violation.is_lasting for one in report.counterexamples
+    )
+    yield f'  it can end: {ends}' + ('; what may come after something wrong was not followed' if is_cut else '')
+    yield f'  reached: {report.covered} of {report.coverable}' + (
         '' if not report.uncovered else f'; never: {_some(report.uncovered)}'
     )
     for note in report.notes:

@@ -243,10 +243,10 @@ class TreeNode(ABC):
                 raise self._port_error(port, str(error)) from error
         entry = self.blackboard.entry(value.key)
         if entry is None:
-            raise self._port_error(port, 'the blackboard has no such entry')
+            raise self._port_error(port, PortError.ABSENT[1])
         content = entry.value
         if content is EMPTY:
-            raise self._port_error(port, 'the entry was never written')
+            raise self._port_error(port, PortError.ABSENT[0])
         if declared is None:
             return content
         # Integers have bounds; those of an entry of the same type were kept when it was written.

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from flexbt_core.values import excerpt
 
@@ -73,7 +74,11 @@ class PortError(BehaviorTreeError):
     """A port of a node cannot be read or written.
 
     ``key`` is the blackboard key that the port points to, or None when it holds a literal or is not given.
+    ``is_absent``: there is nothing by that key.
     """
+
+    ABSENT: Final = ('the entry was never written', 'the blackboard has no such entry')
+    """Reasons of those that read what is not there."""
 
     def __init__(self, node_path: str, node_id: str, port: str, key: str | None, reason: str, uid: int = 0) -> None:
         self.node_path = node_path
@@ -84,6 +89,10 @@ class PortError(BehaviorTreeError):
         self.reason = reason
         pointer = f' (blackboard key [{key}])' if key is not None else ''
         super().__init__(f'port [{port}]{pointer} of {node_id} at [{node_path}]: {reason}')
+
+    @property
+    def is_absent(self) -> bool:
+        return self.reason in self.ABSENT
 
 
 class ScriptError(BehaviorTreeError):
