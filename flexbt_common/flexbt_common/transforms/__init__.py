@@ -3,7 +3,7 @@
 
 from .buffer import HISTORY, TransformBuffer
 from .listener import BROADCASTERS, TRANSFORM_TIMEOUT, TransformListener, take_transforms, transformed
-from .rigid import Rigid
+from .rigid_transform import Rigid
 
 __all__ = [
     'BROADCASTERS',

@@ -14,7 +14,7 @@ from typing import Final
 
 from flexbt_common.errors import TransformError
 
-from .rigid import Rigid
+from .rigid_transform import Rigid
 
 HISTORY: Final = 10.0
 """How long transforms are kept, s, as in tf2."""

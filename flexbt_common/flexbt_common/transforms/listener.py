@@ -26,7 +26,7 @@ from flexbt_common.values import MESSAGE, check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 
 from .buffer import TransformBuffer
-from .rigid import Rigid
+from .rigid_transform import Rigid
 
 TRANSFORM_TIMEOUT: Final = 1.0
 """How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""

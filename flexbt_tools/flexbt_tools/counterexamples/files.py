@@ -12,7 +12,7 @@ from flexbt_core.exploration import Counterexample, Report
 from flexbt_tools.errors import UsageError
 from flexbt_tools.text_files import write_text
 
-from .way_diagram import way_diagram
+from .counterexample_diagram import counterexample_diagram
 
 _MERMAID: Final = ('.mmd', '.mermaid')
 
@@ -35,7 +35,7 @@ def draw_counterexamples(file: str, reports: Sequence[Report]) -> list[str]:
         for number in range(1, len(found) + 1)
     ]
     for one, (report, counterexample) in zip(files, found, strict=True):
-        draw_diagram(one, way_diagram(report, counterexample))
+        draw_diagram(one, counterexample_diagram(report, counterexample))
     return files
 
 

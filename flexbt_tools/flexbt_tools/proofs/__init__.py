@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Proofs about trees, and how any proof is told: what may happen is followed with the real engines."""
 
-from .compared import Compared, comparison_as_json, comparison_lines
+from .comparison_report import Compared, comparison_as_json, comparison_lines
 from .model_proof import result_as_json, result_lines
 from .moves import moves_of
 from .proof_cache import ProofCache

@@ -25,7 +25,7 @@ from flexbt_server.node_types import node_registry
 from flexbt_tools.errors import RefusedError, UnfitError
 from flexbt_tools.trees import OpenRegistry, is_stand_in, read_library, read_models, references
 
-from .compared import Compared
+from .comparison_report import Compared
 from .moves import moves_of
 from .proof_cache import NOTE, ProofCache, digest_of
 

@@ -29,7 +29,7 @@ from flexbt_core.synthesis.machines import (
 )
 from flexbt_onboard.behaviors import state_modules
 from flexbt_tools.cli import arguments
-from flexbt_tools.counterexamples import course_diagram, draw_diagram
+from flexbt_tools.counterexamples import counterstrategy_diagram, draw_diagram
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.synthesis import (
     StateInterfaces,
@@ -186,7 +186,9 @@ def _text(form: str, machine: SynthesizedMachine, interfaces: StateInterfaces) -
 
 def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
     if options.draw:
-        draw_diagram(options.draw, course_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation))
+        draw_diagram(
+            options.draw, counterstrategy_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation)
+        )
     if options.json:
         print(json.dumps({'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}))
         return ExitCode.NEGATIVE

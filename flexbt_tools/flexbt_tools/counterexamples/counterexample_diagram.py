@@ -7,7 +7,7 @@ from flexbt_common.pictures import Arrow, Note, SequenceDiagram
 from flexbt_core.exploration import OPERATOR, Counterexample, Moment, Report, TreeSystem, walk
 
 
-def way_diagram(report: Report, found: Counterexample) -> SequenceDiagram:
+def counterexample_diagram(report: Report, found: Counterexample) -> SequenceDiagram:
     """The diagram of what an exploration has found; its steps are made anew."""
     assert report.make is not None
     system = report.make()

@@ -10,7 +10,7 @@ from flexbt_tools.synthesis import happening
 _MACHINE, _WORLD = 'any machine', 'the world'
 
 
-def course_diagram(title: str, explanation: Explanation) -> SequenceDiagram:
+def counterstrategy_diagram(title: str, explanation: Explanation) -> SequenceDiagram:
     """The course of events of an explanation; without one, what never becomes possible."""
     steps: list[Arrow | Note] = [Note(_MACHINE, ['These demands conflict:', *explanation.conflict])]
     for step in explanation.steps:
