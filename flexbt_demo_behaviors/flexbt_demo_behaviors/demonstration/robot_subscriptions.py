@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import seconds_of
+from flexbt_common.values import MESSAGE, seconds_of
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.world import OccupancyMap
 from flexbt_sim.world import Pose as Origin
@@ -45,22 +45,24 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def on_plan(message: Path) -> None:
         track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
 
-    def on_structure(message: TreeStructure) -> None:
+    def on_structure(received: Received) -> None:
+        message: TreeStructure = received.unpack(TreeStructure)
         track.add_tree(f'{message.run_id}/{message.number}', {node.uid: node.name for node in message.nodes})
 
-    def on_tree_status(message: TreeStatus) -> None:
+    def on_tree_status(received: Received) -> None:
+        message: TreeStatus = received.unpack(TreeStatus)
         begun = [change.uid for change in message.changes if change.status == TreeStatus.RUNNING]
         track.add_begun(f'{message.run_id}/{message.structure}', begun)
 
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
-        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
-        ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
         node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
-        node.create_subscription(TreeStructure, names.TREE_STRUCTURE, on_structure, names.latched(EACH))
-        node.create_subscription(TreeStatus, names.TREE_STATUS, on_tree_status, names.latched(EACH))
+        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
+        ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
+        ReceivedMessages(node, TreeStructure, names.TREE_STRUCTURE, names.latched(EACH), on_structure, MESSAGE)
+        ReceivedMessages(node, TreeStatus, names.TREE_STATUS, names.latched(EACH), on_tree_status, MESSAGE)
 
     runtime.call(subscribe)
 

@@ -195,9 +195,9 @@ class ScriptedOperator:
         """
 
         def begun(view: View) -> bool:
-            self._check_running(view)
             if self.track.has_begun(node):
                 return True
+            self._check_running(view)
             asked = any(item.kind is DecisionKind.INPUT and item.id not in self._answered for item in view.decisions)
             if asked:
                 raise DemoError(f'the goal {self._goal_label} was done with before the tree had begun {node!r}')

@@ -67,12 +67,12 @@ def join_robot(
     """
     with NodeRuntime.open('demo', namespace=namespace) as runtime:
         track = RobotTrack()
+        subscribe_to_robot(runtime, track)  # first: what a tree has done is handled before what came of it
         mirror = Mirror(runtime.steady)
         link = OperatorLink(runtime, mirror)
         scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline, is_on_call)
         track.on_change = scripted.notify
         mirror.add_listener(Narrator(mirror, timeline))
-        subscribe_to_robot(runtime, track)
         yield Session(scripted, track, runtime)
 
 

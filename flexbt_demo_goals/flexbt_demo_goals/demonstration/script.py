@@ -57,7 +57,7 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
         operator.wait_happened(lambda: household.times_held >= 1, 'the cup in the gripper of the robot')
         report.take(PICKED_UP)
         household.move_cup(1.2, 4.8)
-    operator.wait_begun('Approach(cup, hall)')
+        operator.wait_begun('Approach(cup, hall)')
     report.take(MOVED)
     operator.wait_end('reached', DRIVE_TIMEOUT_S)
     report.goals.append(_check_cup(flat))
