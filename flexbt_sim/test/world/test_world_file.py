@@ -83,6 +83,16 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
         ('beams: 180', 'beam: 180', 'beam:', "robots.alpha.lidar.beam: there is no such key; did you mean 'beams'?"),
         (
             '{model: burger',
+            '{modle: burger',
+            'modle',
+            "robots.alpha.modle: there is no such key; did you mean 'model'?",
+        ),
+        ('burger, pose', 'burger, poes', 'poes', "robots.alpha.poes: there is no such key; did you mean 'pose'?"),
+        ('based_on', 'base_on', 'base_on', "models.courier.base_on: there is no such key; did you mean 'based_on'?"),
+        ('{based_on', '{pose: [1, 1, 0], based_on', 'pose: [1, 1, 0], b', 'models.courier.pose: there is no such key'),
+        ('parameters', 'paramters', 'param', "faults.0.paramters: there is no such key; did you mean 'parameters'?"),
+        (
+            '{model: burger',
             '{model: berger',
             'model: berger',
             "there is no model 'berger' before this; did you mean 'burger'?",
@@ -115,6 +125,10 @@ def test_what_is_wrong_is_told_with_place_and_remedy(tmp_path: Path, old: str, n
     found = problems(tmp_path, text)
     line, column = next(one for one in found if message in one).split(':', 2)[:2]
     assert text.splitlines()[int(line) - 1][int(column) - 1 :].startswith(at), found
+
+
+def test_what_is_based_on_a_wrong_model_is_not_wrong_for_that(tmp_path: Path) -> None:
+    assert len(problems(tmp_path, WORLD.replace('slip: 0.05', 'slip: much'))) == 1
 
 
 def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
@@ -102,10 +102,18 @@ def written(name: str) -> str:
     return name.rstrip('_')
 
 
-def read(specification: type[S], data: Any, path: Path, problems: list[Problem], base: S | None = None) -> S | None:
+def read(
+    specification: type[S],
+    data: Any,
+    path: Path,
+    problems: list[Problem],
+    base: S | None = None,
+    beside: Collection[str] = (),
+) -> S | None:
     """What a mapping of plain data specifies; problems are added to the list, and None is returned, if it is wrong.
 
-    What the mapping leaves out is as in ``base``, or as by default.
+    What the mapping leaves out is as in ``base``, or as by default. Keys ``beside`` those of the specification are for
+    the caller.
     """
     if not isinstance(data, Mapping):
         problems.append(Problem(path, f'expected a mapping of {names(map(written, keys_of(specification)))}, '
@@ -118,8 +126,8 @@ def read(specification: type[S], data: Any, path: Path, problems: list[Problem],
         if word in known:
             name = known[word]
             values[name] = convert(types_of(specification)[name], value, (*path, word), problems, values.get(name))
-        else:
-            problems.append(Problem((*path, word), f'there is no such key{hint(word, known)}'))
+        elif word not in beside:
+            problems.append(Problem((*path, word), f'there is no such key{hint(word, [*known, *beside])}'))
     for one in dataclasses.fields(specification):
         if one.name in keys_of(specification) and one.name not in values and one.default is dataclasses.MISSING:
             text = keys_of(specification)[one.name].text

@@ -193,12 +193,13 @@ class _Reader:
         models = dict(MODELS)
         for name, value in self._section('models'):
             made = self._model(value, ('models', name), models, 'based_on')
-            if made is not None:
-                models[name] = made
+            models[name] = made or RobotModel()  # what is based on a wrong one is not wrong for that
         return models
 
-    def _model(self, value: Any, path: Where, models: Mapping[str, RobotModel], base_key: str) -> RobotModel | None:
-        """A model of a robot, in which ``base_key`` names another one."""
+    def _model(
+        self, value: Any, path: Where, models: Mapping[str, RobotModel], base_key: str, *beside: str
+    ) -> RobotModel | None:
+        """A model of a robot, in which ``base_key`` names another one; with keys ``beside`` it for the caller."""
         if not isinstance(value, Mapping):
             self._problems.append(Problem(path, f'expected a mapping, got {shown(value)}'))
             return None
@@ -208,15 +209,14 @@ class _Reader:
                 Problem((*path, base_key), f'there is no model {shown(base)} before this{hint(base, models)}')
             )
             return None
-        rest = {word: one for word, one in value.items() if word not in (base_key, 'pose')}
-        return read(RobotModel, rest, path, self._problems, models[base])
+        return read(RobotModel, value, path, self._problems, models[base], (base_key, *beside))
 
     def _robots(self) -> list[tuple[Where, str, Any, Pose | None]]:
         models = self._models()
         robots: list[tuple[Where, str, Any, Pose | None]] = []
         for name, value in self._section('robots'):
             path: Where = ('robots', name)
-            model = self._model(value, path, models, 'model')
+            model = self._model(value, path, models, 'model', 'pose')
             if model is None:
                 continue
             pose = self._pose
@@ -244,12 +244,8 @@ class _Reader:
         faults: list[tuple[Where, FaultTiming, Mapping[str, Any]]] = []
         for i, entry in enumerate(entries):
             path: Where = ('faults', i)
-            parameters: Any = {}
-            rest = entry
-            if isinstance(entry, Mapping):
-                parameters = entry.get('parameters') or {}
-                rest = {word: value for word, value in entry.items() if word != 'parameters'}
-            timing = read(FaultTiming, rest, path, self._problems)
+            parameters: Any = (entry.get('parameters') or {}) if isinstance(entry, Mapping) else {}
+            timing = read(FaultTiming, entry, path, self._problems, beside=('parameters',))
             if timing is not None and read(FAULTS[timing.fault], parameters, (*path, 'parameters'), self._problems):
                 faults.append((path, timing, parameters))
         return faults
