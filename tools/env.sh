@@ -60,5 +60,10 @@ else
     export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/flexbt_common/config/network.xml}"
   fi
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
-  if [ -w "$FLEXBT_ROOT" ]; then export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"; fi
+  # Where neither the workspace nor the home directory can be written, no node would start.
+  if [ -w "$FLEXBT_ROOT" ]; then
+    export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"
+  elif [ ! -w "${HOME:-/nowhere}" ] && [ -z "${ROS_HOME:-}" ]; then
+    export ROS_LOG_DIR="${ROS_LOG_DIR:-${TMPDIR:-/tmp}/flexbt-$(id -u)/log}"
+  fi
 fi

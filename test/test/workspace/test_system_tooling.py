@@ -135,3 +135,18 @@ def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
     nounset, executable = ended.stdout.splitlines()
     assert nounset.split()[-1] == 'on'
     assert executable == f'{ROOT}/install/flexbt_server/lib/flexbt_server/bt_server'
+
+
+@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+@pytest.mark.skipif(os.geteuid() != 0, reason='only root can mount')
+def test_logs_of_ros_have_a_place_where_neither_workspace_nor_home_can_be_written(tmp_path: Path) -> None:
+    script = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && . "$0/tools/env.sh" && echo "$ROS_LOG_DIR"'
+    ended = subprocess.run(
+        ['unshare', '--mount', 'bash', '-c', script, ROOT],
+        cwd=tmp_path,
+        env={'HOME': '/nowhere', 'PATH': os.defpath, 'TMPDIR': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert ended.stdout == f'{tmp_path}/flexbt-0/log\n', ended.stderr
