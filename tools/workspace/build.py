@@ -7,7 +7,8 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -50,8 +51,8 @@ class Build:
         """Whether the workspace was built on this underlay before."""
         return read_stamp(self._stamp).get('identity') == self._identity()
 
-    def ensure(self, lock: int) -> bool:
-        """Builds what has to be, and says whether there was anything. `lock` is held open by colcon.
+    def ensure(self, lock: int, beside: Callable[[int], AbstractContextManager[None]]) -> None:
+        """Builds what has to be; where there is anything, in the context `beside(lock)`. `lock` is held open by colcon.
 
         Raises CommandError when a package does not build.
         """
@@ -68,17 +69,17 @@ class Build:
         self._remove(spoilt)
         built = {name: done for name, done in built.items() if name not in spoilt}
         stale = sorted(name for name, value in wanted.items() if built.get(name) != value or not self._installed(name))
-        if stale:
-            self._record(built, building=stale)
-            try:
-                self._colcon_build(stale, lock)
-            except CommandError as error:
-                if not error.was_killed:  # then what it left can be built on
-                    self._record(built, building=[])
-                raise
-        self._write_underlay_setup()
-        self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
-        return bool(stale)
+        with beside(lock) if stale else nullcontext():
+            if stale:
+                self._record(built, building=stale)
+                try:
+                    self._colcon_build(stale, lock)
+                except CommandError as error:
+                    if not error.was_killed:  # then what it left can be built on
+                        self._record(built, building=[])
+                    raise
+            self._write_underlay_setup()
+            self._record({**built, **{name: wanted[name] for name in stale}}, building=[])
 
     def _stand_ins(self) -> list[Package]:
         """For the interfaces of others that the underlay lacks."""

@@ -101,9 +101,22 @@ def run_logged(
 
     Raises CommandError when the exit code is not 0.
     """
+    process = start_logged(command, log, environment=environment, directory=directory, keep_open=keep_open)
+    finish_logged(process, log, shown=shown, what=what, progress=progress, remedy=remedy)
+
+
+def start_logged(
+    command: Sequence[str | Path],
+    log: Path,
+    *,
+    environment: Mapping[str, str],
+    directory: Path,
+    keep_open: Sequence[int] = (),
+) -> subprocess.Popen[bytes]:
+    """Starts what `finish_logged` waits for: a command with its output in `log`, as `run_logged`."""
     log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open('w', encoding='utf-8') as output:
-        process = subprocess.Popen(
+    with log.open('wb') as output:
+        return subprocess.Popen(
             [str(word) for word in command],
             stdin=subprocess.DEVNULL,
             stdout=output,
@@ -113,6 +126,18 @@ def run_logged(
             start_new_session=True,
             pass_fds=tuple(keep_open),
         )
+
+
+def finish_logged(
+    process: subprocess.Popen[bytes],
+    log: Path,
+    *,
+    shown: Step,
+    what: str,
+    progress: Callable[[Path], str] = last_line,
+    remedy: str = '',
+) -> None:
+    """Waits for the end of a command, as `run_logged`."""
     try:
         while True:
             try:

@@ -6,20 +6,23 @@ from __future__ import annotations
 import compileall
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
 from .build import Build
 from .errors import WorkspaceError
 from .layout import Layout
-from .terminal import run_logged, step
+from .terminal import finish_logged, start_logged, step, stop_group
 from .underlay import clean_environment, detect
 from .virtual_environment import VirtualEnvironment
 
 # ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists; CMake
 # reads the lists of files that rosidl writes as ASCII.
 _UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]|[^\x00-\x7f]')
+
+_OF_LOOPS = ('flexbt_core', 'flexbt_sim')  # the packages whose loops numba compiles, and what they import
 
 
 class Workspace:
@@ -49,22 +52,31 @@ class Workspace:
         """Installs and builds what is missing; `lock` is a descriptor that the commands keep open."""
         if self.underlay.is_wheels:
             self.venv.ensure(lock)
-        if self._build.ensure(lock):
-            self._compile_loops(lock)
+        self._build.ensure(lock, beside=self._compiled_loops)
         self._compile_modules()
 
-    def _compile_loops(self, lock: int) -> None:
-        """What numba compiles: otherwise each of the processes of the first start does it for itself."""
+    @contextmanager
+    def _compiled_loops(self, lock: int) -> Iterator[None]:
+        """What numba compiles: otherwise each of the processes of the first start does it for itself.
+
+        It needs nothing of what is built, and a processor that the build of the interfaces leaves idle.
+        """
+        log = self.layout.log / 'setup-loops.log'
+        sources = [*(self.layout.root / name for name in _OF_LOOPS), self.clean_environment.get('PYTHONPATH', '')]
+        process = start_logged(
+            self._build.on_underlay(['python3', '-m', 'flexbt_sim.compiling']),
+            log,
+            environment={**self.clean_environment, 'PYTHONPATH': os.pathsep.join(map(str, filter(None, sources)))},
+            directory=self.layout.root,
+            keep_open=[lock],
+        )
+        try:
+            yield
+        except BaseException:
+            stop_group(process)
+            raise
         with step('compilation of loops by numba') as shown:
-            run_logged(
-                self.inside(['python3', '-m', 'flexbt_sim.compiling']),
-                self.layout.log / 'setup-loops.log',
-                shown=shown,
-                what='compilation of loops',
-                environment=self.environment,
-                directory=self.layout.root,
-                keep_open=[lock],
-            )
+            finish_logged(process, log, shown=shown, what='compilation of loops')
 
     def _compile_modules(self) -> None:
         """Those that changed, where Python is told not to: otherwise each start of a program would compile them all."""
