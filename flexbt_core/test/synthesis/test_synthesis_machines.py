@@ -58,6 +58,17 @@ def test_with_a_limit_on_retries_the_machine_gives_up_only_where_nothing_is_left
     assert {other.states[one].transitions['failed'] for one in ('tea',)} != {'failed'}
 
 
+def test_what_a_failure_changes_is_not_repeated_as_if_it_had_not() -> None:
+    changes = (
+        ('failure: [grind]}', "failure: ['!grind']}"),  # a cup that was spilled cannot be brewed again
+        ("preconditions: ['!press']", "preconditions: ['!press', '!grind']"),
+    )
+    machine = made(coffee(*changes, retries=2))
+    parts = {name: state.parts[0].retry_on for name, state in machine.states.items()}
+    assert parts['brew'] == () and parts['press'] == parts['grind'] == ('failed',)
+    assert 'brew is not repeated after failed, which changes what is known' in machine.notes
+
+
 class Try(EventState):
     """Fails as often as ``failures`` says for its place in the machine."""
 

@@ -57,8 +57,13 @@ class Vocabulary:
         return tuple(outcome for outcome, proposition in self.ends.items() if values.get(proposition))
 
     def is_own(self, name: str) -> bool:
-        """Whether a variable is an activation, an outcome of a capability, or one of the machine."""
-        own = {f'{capability}_a' for capability in self.outcomes} | set(self.ends.values()) | {CAPABILITY}
+        """Whether a variable is an activation, an outcome of a capability, or one of the machine, or tells that a
+        capability was given up, or is owed."""
+        own = (
+            {f'{capability}_{kind}' for capability in self.outcomes for kind in 'axp'}
+            | set(self.ends.values())
+            | {CAPABILITY}
+        )
         told = {self.input_of(capability, one) for capability, outcomes in self.outcomes.items() for one in outcomes}
         return name in own or name in told
 

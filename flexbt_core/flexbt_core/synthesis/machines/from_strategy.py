@@ -54,6 +54,8 @@ class _Building:
         self._words = problem.vocabulary
         self._strategy = strategy
         self._nodes = strategy.nodes
+        outputs = (one.name for one in problem.specification.names(inputs=False))
+        self._memory = [name for name in outputs if not self._words.is_own(name)]
         self._places = [self._place(node) for node in strategy.nodes]
         self._outputs = [self._output(place) for place in self._places]
         self._notes = list(problem.notes)
@@ -63,7 +65,9 @@ class _Building:
         reached, steps = self._reached(starts)
         position = {number: index for index, number in enumerate(reached)}
         edges = [{label: [position[to] for to in targets] for label, targets in step.items()} for step in steps]
-        outputs = [self._outputs[number] for number in reached]
+        outputs = [
+            (self._outputs[number], *(part.retry_on for part in self._places[number].parts)) for number in reached
+        ]
         blocks = blocks_of(outputs, edges)
         first = [blocks.index(block) for block in range(max(blocks) + 1)]
         single = [self._told(reached[index], edges[index], blocks, reached) for index in first]
@@ -88,23 +92,43 @@ class _Building:
             raise SynthesisError([f'the machine would end by {" and ".join(ends)} at once: exclude that in SYS_TRANS'])
         if ends:
             return _Place(end=ends[0])
-        return _Place(tuple(self._part(name, node.values) for name in self._words.active_in(node.values)))
+        return _Place(tuple(self._part(name, node) for name in self._words.active_in(node.values)))
 
-    def _part(self, name: str, values: Mapping[str, int]) -> Part:
+    def _part(self, name: str, node: Node) -> Part:
         capability, interface = self._problem.capabilities[name], self._problem.interfaces[name]
-        hoped = self._problem.hoped
         reads, writes = capability.userdata_in, capability.userdata_out
         return Part(
             name,
             capability.interface,
-            {key: self._chosen(value, values) for key, value in capability.parameters.items()},
+            {key: self._chosen(value, node.values) for key, value in capability.parameters.items()},
             interface.outcomes,
             {key: reads.get(key, key) for key in dict.fromkeys((*(interface.input_keys or ()), *reads))},
             {key: writes.get(key, key) for key in dict.fromkeys((*(interface.output_keys or ()), *writes))},
-            tuple(one for one in interface.outcomes if self._problem.normalized(one) != hoped)
+            tuple(
+                one
+                for one in interface.outcomes
+                if self._is_failing(one) and self._changes_nothing(node, name, self._problem.normalized(one))
+            )
             if self._problem.options.retries
             else (),
         )
+
+    def _is_failing(self, outcome: str) -> bool:
+        return self._problem.normalized(outcome) != self._problem.hoped
+
+    def _changes_nothing(self, node: Node, name: str, outcome: str) -> bool:
+        """Whether what is known is the same after an outcome of a capability, so that it may be tried again."""
+        active = self._words.active_in(node.values)
+        alone = {one: (outcome,) if one == name else () for one in active}
+        return all(
+            self._known(self._nodes[to]) == self._known(node)
+            for inputs, to in node.moves
+            if {one: self._words.arrived_in(inputs, one) for one in active} == alone
+        )
+
+    def _known(self, node: Node) -> list[int]:
+        """Memory and integers of the machine in a node."""
+        return [node.values[name] for name in self._memory]
 
     def _chosen(self, value: Any, values: Mapping[str, int]) -> Any:
         """A parameter; ``@variable`` is what the strategy has chosen."""
@@ -221,6 +245,11 @@ class _Building:
                 self._notes.append(f"nothing leads to the outcome '{end}', so the machine does not have it")
         name = self._problem.request.name or self._problem.request.system or 'Synthesized'
         retries = self._problem.options.retries
+        for part in (part for one in names.values() if retries and one in states for part in states[one].parts):
+            once = [one for one in part.outcomes if one not in part.retry_on and self._is_failing(one)]
+            if once:
+                told = ', '.join(once)
+                self._notes.append(f'{part.capability} is not repeated after {told}, which changes what is known')
         machine = SynthesizedMachine(
             name,
             tuple(end for end in self._words.ends if end in used),
