@@ -59,6 +59,7 @@ def world(graph_file: Path) -> Iterator[Probe]:
         'radius_to_achieve_node': 0.6,
         'boundary_radius_to_achieve_node': 0.4,
         'smoothing_radius': 0.3,
+        'max_planning_time': 60.0,  # of wall time: a busy machine may hold the search up
     }
     with open_world(FAST, settings) as probe:
         yield probe

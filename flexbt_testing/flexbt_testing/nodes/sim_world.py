@@ -30,11 +30,12 @@ from nav2_msgs.action import (
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator
@@ -42,6 +43,7 @@ from flexbt_sim.simulator import Simulator
 T = TypeVar('T')
 
 DEADLINE = 60.0
+POSE_BYTES = 2_000
 
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""
@@ -114,7 +116,8 @@ class Probe:
 
         def connect() -> None:
             node = runtime.node
-            node.create_subscription(PoseStamped, names.POSE, self._on_pose, 100)
+            # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
+            ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=100), self._on_pose, POSE_BYTES)
             if hears_commands:
                 node.create_subscription(Twist, names.CMD_VEL, self._on_command, 100)
             self._drive = node.create_publisher(Twist, names.CMD_VEL, 1)
@@ -122,7 +125,8 @@ class Probe:
 
         runtime.call(connect)
 
-    def _on_pose(self, message: PoseStamped) -> None:
+    def _on_pose(self, received: Received) -> None:
+        message: PoseStamped = received.unpack(PoseStamped)
         x, y, yaw = pose_of(message.pose)
         with self.changed:
             self.sightings.append(Sighting(Time.from_msg(message.header.stamp).nanoseconds * 1e-9, x, y, yaw))
