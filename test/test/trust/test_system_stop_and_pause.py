@@ -59,6 +59,17 @@ def rest_after(probe: Probe, moment: float) -> float:
     return probe.moved_at - moment
 
 
+def wait_near(probe: Probe, place: tuple[float, float]) -> None:
+    """Wait until the robot is seen at a place: the end of its goal may be heard sooner."""
+
+    def is_near() -> bool:
+        assert probe.pose is not None
+        position = probe.pose.pose.position
+        return math.dist((position.x, position.y), place) < 0.3
+
+    probe.wait(is_near, f'the robot at {place}')
+
+
 def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
     """For longer than others wait for it, and shorter than the lease of its participant."""
     stack.send_signal('bt_server', signal.SIGSTOP)
@@ -116,9 +127,7 @@ def test_a_paused_robot_stands_still_and_goes_on_where_it_was(stack: Stack, prob
     probe.applied(ExecutiveCommand.RESUME)
     probe.wait(lambda: probe.moved_stamp > where, 'the robot drives on')
     probe.wait(lambda: probe.status.decisions, 'the decision about the next goal')
-    assert probe.pose is not None
-    position = probe.pose.pose.position
-    assert math.dist((position.x, position.y), GOAL) < 0.3
+    wait_near(probe, GOAL)
     assert (probe.run_id, probe.status.state) == (run_id, ExecutiveStatus.RUNNING)
 
 
@@ -137,8 +146,7 @@ def test_a_goal_of_somebody_else_waits_for_the_end_of_the_pause(stack: Stack, pr
     assert probe.moved_stamp == where and not goal.ended
     probe.applied(ExecutiveCommand.RESUME)
     assert goal.wait().status is GoalStatus.SUCCEEDED
-    assert probe.pose is not None
-    assert math.dist((probe.pose.pose.position.x, probe.pose.pose.position.y), HOME) < 0.3
+    wait_near(probe, HOME)
     replaced = 'a newer goal for the same tree has taken over'
     probe.wait(lambda: any(replaced in line.text for line in probe.logs), 'why the state has failed')
 
