@@ -195,7 +195,7 @@ class BehaviorRun:
         held = self._watch.held
         if held is not None:
             text = 'its thread is left behind, and ends when that returns'
-            self._observer.log(ExecutiveLog.ERROR, held.path, f'{held}: {text}')
+            self._observer.log(ExecutiveLog.ERROR, '', f'{held}: {text}')
             self._loop.close()
             self._end(ERROR, f'{self._stop_reason}; {reason}, while {held}')
 
@@ -524,14 +524,15 @@ class BehaviorRun:
     def _held_up(self, held: HeldUp) -> None:
         if self._machine is None:
             return  # it is being built, and the status says so
-        text = f'has been in {held.callback}() for {held.seconds:.1f} s and holds up the behavior'
-        self._observer.log(ExecutiveLog.WARN, held.path, f'{text}: no command has an effect until it returns')
+        # The executive's own word, without a path: the state may have said why it wants what it wants.
+        text = f'{held}, and holds up the behavior: no command has an effect until it returns'
+        self._observer.log(ExecutiveLog.WARN, '', text)
 
     def _no_longer_held_up(self, held: HeldUp) -> None:
         if self._machine is None:
             return
-        text = f'has returned from {held.callback}() after {held.seconds:.1f} s'
-        self._observer.log(ExecutiveLog.WARN, held.path, text)
+        text = f'{held.who} has returned from {held.callback}() after {held.seconds:.1f} s'
+        self._observer.log(ExecutiveLog.WARN, '', text)
 
     def _escaped(self, machine: MachineRun, error: BaseException) -> None:
         self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
@@ -559,8 +560,8 @@ class BehaviorRun:
         told = {leaf.path: leaf.not_paused for leaf in before}
         for leaf in now:
             if leaf.not_paused and leaf.not_paused != told.get(leaf.path):
-                text = f'is paused, and yet goes on: {"; ".join(leaf.not_paused)}'
-                self._observer.log(ExecutiveLog.WARN, leaf.path, text)
+                text = f'state {leaf.path} is paused, and yet goes on: {"; ".join(leaf.not_paused)}'
+                self._observer.log(ExecutiveLog.WARN, '', text)
 
     def _commit(self) -> None:
         """Journal where the machine is, then publish it, then answer the commands that brought it there."""

@@ -30,9 +30,13 @@ class HeldUp:
     callback: str
     seconds: float
 
+    @property
+    def who(self) -> str:
+        """Whose callback it is, for the operator."""
+        return f'state {self.path}' if self.path else 'the behavior'
+
     def __str__(self) -> str:
-        who = f'state {self.path}' if self.path else 'the behavior'
-        return f'{who} has not returned from {self.callback}() for {self.seconds:.1f} s'
+        return f'{self.who} has not returned from {self.callback}() for {self.seconds:.1f} s'
 
 
 class CallbackWatch:

@@ -176,11 +176,12 @@ def test_the_operator_is_told_what_holds_up_the_behavior(callback: str) -> None:
     )
     try:
         bench.start('Slow')
-        line = bench.logged(f'{callback}()')
-        assert (line.severity, line.path, line.run_id) == (ExecutiveLog.WARN, '/Out/In', bench.run_id)
+        line = bench.logged(f'state /Out/In has not returned from {callback}() for ')
+        assert (line.severity, line.path, line.run_id) == (ExecutiveLog.WARN, '', bench.run_id)  # no word of the state
         stop = bench.send(ExecutiveCommand.STOP)
         go.set()
-        assert bench.logged(f'has returned from {callback}() after ').severity == ExecutiveLog.WARN
+        line = bench.logged(f'state /Out/In has returned from {callback}() after ')
+        assert (line.severity, line.path) == (ExecutiveLog.WARN, '')
         bench.result(stop)
         bench.wait_idle()
     finally:
