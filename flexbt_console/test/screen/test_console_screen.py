@@ -202,6 +202,7 @@ def test_enter_answers_the_decision_on_the_screen_and_no_later_one() -> None:
         robot.show(OTHER)  # it is another one now; what was picked is gone with the one before
         await seen(robot, pilot)
         assert '[1 done' not in text_of(app) and '[2 failed*' in text_of(app)
+        assert f'[{OTHER.id}]' not in text_of(app)  # "status" has it
         robot.show(PLAN)
         await pilot.pause()
         app.draw()

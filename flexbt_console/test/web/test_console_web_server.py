@@ -97,6 +97,7 @@ def test_everything_of_now_is_told() -> None:
         (decision,) = parts['decisions']
         assert [choice['leads'] for choice in decision['choices']] == ['/Ask', '=finished']
         assert decision['reasons'] == [f'WARN: {NASTY}'] and NASTY in decision['line']
+        assert PLAN.id not in decision['line'] and decision['id'] == PLAN.id
         assert parts['trees'][0]['statuses'] == ['running', 'success', 'running', 'idle']
         assert parts['trees'][0]['leaves'] == ['Wait']
         assert (len(parts['plan']), parts['pose']['x'], list(parts['places'])) == (2, 2.0, ['kitchen'])

@@ -11,7 +11,7 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, DecisionKind, StateStructure, View
 from flexbt_console.pictures import Glyphs, acting_lines, cut, fold, width
-from flexbt_console.present import Line, Tone, age_text, decision_line, reason_lines, tone_of
+from flexbt_console.present import Line, Tone, age_text, asked_text, reason_lines, tone_of
 from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
@@ -108,7 +108,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
         return [Line('nothing waits for you', Tone.DIM), *folded]
     tail = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
     tail += f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
-    head = f'{signs.waits} {decision_line(decision, snapshot)}'
+    head = f'{signs.waits} {asked_text(decision, snapshot)}'
     reasons = [f'  because {line}' for line in reason_lines(decision, view)[:1]]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)

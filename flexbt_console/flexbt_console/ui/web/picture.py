@@ -14,7 +14,6 @@ from flexbt_console.present import (
     asked_text,
     authority_text,
     autonomy_text,
-    decision_line,
     link_word,
     log_lines,
     not_paused_lines,
@@ -102,7 +101,7 @@ def _decision(decision: Decision, view: View) -> dict[str, Any]:
         'id': decision.id,
         'kind': decision.kind.name.lower(),
         'path': decision.path,
-        'line': decision_line(decision, view.snapshot),
+        'line': asked_text(decision, view.snapshot),
         'reasons': reason_lines(decision, view),
         'wanted': decision.outcome,
         'choices': [

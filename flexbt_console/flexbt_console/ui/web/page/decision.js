@@ -49,6 +49,7 @@ export class DecisionBar {
     const decision = this.shown;
     this.bar.classList.toggle('waits', decision !== null);
     this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'nothing waits for you';
+    this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {
       for (const reason of decision.reasons) rows.push(element('p', {class: 'reason'}, `because ${reason}`));
