@@ -148,6 +148,22 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         assert len(boxes) == 5 and all(right <= 120 for _, right, _, _ in boxes)
         for (left, right, top, bottom), other in itertools.combinations(boxes, 2):
             assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
+        # So do those of robots beside those of the places where they are.
+        place, robot_there = browser.run(
+            'const {RobotMap} = await import("./map.js"), canvas = document.createElement("canvas");'
+            'canvas.style.cssText = "width: 300px; height: 200px";'
+            'document.body.append(canvas);'
+            'const context = canvas.getContext("2d"), told = [];'
+            'context.fillText = (text, x, y) => told.push([text, x, x + context.measureText(text).width, y]);'
+            'const map = new RobotMap(canvas, document.createElement("p"), {});'
+            'map.places = {kitchen: [1, 1]};'
+            'map.others = [{name: "beta", x: 1, y: 1, yaw: 0, live: true}];'
+            'map.draw();'
+            'canvas.remove();'
+            'return told'
+        )
+        assert (place[0], robot_there[0]) == ('kitchen', 'beta')
+        assert place[2] <= robot_there[1] or robot_there[2] <= place[1] or abs(place[3] - robot_there[3]) >= 13
         # On a telephone the page scrolls, and its stop stays where it is.
         phone = {'width': 390, 'height': 844, 'deviceScaleFactor': 1, 'mobile': True}
         browser.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)

@@ -167,7 +167,7 @@ export class RobotMap {
       const where = at([x, y]);
       this.arrow(context, where, yaw, this.colour('--driven'), 9);
       context.fillStyle = this.colour('--driven');
-      context.fillText(`${name.slice(0, 40)}${live ? '' : ' (old)'}`, where[0] + 10, where[1] + 4);
+      this.label(context, `${name.slice(0, 40)}${live ? '' : ' (old)'}`, ...where, width, boxes, 10);
     }
     if (this.pose) this.arrow(context, at([this.pose.x, this.pose.y]), this.pose.yaw, this.colour('--robot'), 11);
     if (this.cursor) {
@@ -181,10 +181,11 @@ export class RobotMap {
     }
   }
 
-  // A name beside its place, on the canvas, where it covers none of those before; nowhere if there is no such side.
-  label(context, text, x, y, width, boxes) {
+  // A name beside what has it, so many pixels away, on the canvas, where it covers none of those before; nowhere if there is no such side.
+  label(context, text, x, y, width, boxes, gap = 5) {
     const wide = context.measureText(text).width;
-    for (const [start, base] of [[x + 5, y - 4], [x + 5, y + 13], [x - 5 - wide, y - 4], [x - 5 - wide, y + 13]]) {
+    const above = y + 1 - gap, below = y + 8 + gap;
+    for (const [start, base] of [[x + gap, above], [x + gap, below], [x - gap - wide, above], [x - gap - wide, below]]) {
       const left = Math.max(0, Math.min(start, width - wide));
       const box = {left, right: left + wide, top: base - 10, bottom: base + 3};
       if (boxes.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom)) continue;
