@@ -45,6 +45,7 @@ from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
 from .panes import Pane, styled
 from .replay_bar import MOVES, NoLink, Player, ReplayBar
+from .replay_bar import help_lines as replay_help_lines
 from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
 
@@ -232,7 +233,9 @@ class OperatorScreen(App[None]):
             self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
         if self._replay is not None:
             self.set_interval(PLAY_SECONDS, self._play_on)
-        self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
+            self.tell(['"?" shows the keys. This is a recording: nothing is sent.'])
+        else:
+            self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
         self.draw()
 
     def on_resize(self) -> None:
@@ -319,7 +322,7 @@ class OperatorScreen(App[None]):
             left = rows - len(shown)
             shown += tree_lines(run, columns, left // (len(running) - number), self._signs)
         if not shown and view.snapshot is not None and not view.running:
-            shown = [Line('no behavior runs; "s" starts one', Tone.DIM)]
+            shown = [Line('no behavior runs' if self._replay else 'no behavior runs; "s" starts one', Tone.DIM)]
         text = styled(shown)
         if not view.live:
             text.stylize('dim')
@@ -331,7 +334,7 @@ class OperatorScreen(App[None]):
 
     def _status(self, view: View, columns: int, rows: int) -> Text:
         if len(self._overview) < 2:
-            return status_text(view, columns, '', '')
+            return status_text(view, columns, 'RECORDING' if self._replay else '', '')
         return status_text(view, columns, self._robot, others_text(self._overview, self._robot))
 
     def _lines(self, view: View, columns: int, rows: int) -> Text:
@@ -394,8 +397,9 @@ class OperatorScreen(App[None]):
 
     def _show_replay(self) -> None:
         assert self._replay is not None
-        self._mirror = self._replay.player.mirror
-        self._told.clear()
+        if self._mirror is not self._replay.player.mirror:  # it went back: what was told since then is not told yet
+            self._mirror = self._replay.player.mirror
+            self._told.clear()
         self.draw()
 
     @_guarded
@@ -637,10 +641,11 @@ class OperatorScreen(App[None]):
         self.call_after_refresh(self.draw)
 
     def _do_help(self, key: Key, view: View) -> None:
-        self._read('keys', [*help_lines(), '', *prompt_help(self._leaving)])
+        shown = replay_help_lines() if self._replay else [*help_lines(), '', *prompt_help(self._leaving)]
+        self._read('keys', shown)
 
     def _do_leave(self, key: Key, view: View) -> None:
-        if view.running and not self._is_quitting:
+        if view.running and not self._is_quitting and self._replay is None:
             self._is_quitting = True
             self._warn(f'q again leaves: {self._leaving}; Esc stays')
         else:
@@ -672,7 +677,7 @@ class OperatorScreen(App[None]):
         view = self._mirror.view()
         try:
             if self._replay is not None and text.startswith('/'):
-                self._replay.player.find(text[1:])
+                self._replay.find(text[1:])
                 self._show_replay()
                 return
             self._carry_out(interpret(text, view, self._make, self._line_bound), view)

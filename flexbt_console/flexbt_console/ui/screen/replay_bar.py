@@ -29,6 +29,17 @@ MOVES: Final = {
 }
 """What each key does on the time line."""
 
+KEYS: Final = (
+    ('Space', 'play, from the beginning when it is at its end; or stand still'),
+    (', .', 'the last and the next moment in which something was said'),
+    ('Home End', f'{JUMP_SECONDS:g} s back and on'),
+    ('[ ]', f'slower and faster, {SPEEDS[0]:g} to {SPEEDS[-1]:g} times'),
+    ('/', 'type a text; Enter goes to the next moment in which it was said'),
+    ('z', 'the next pane alone on the screen; after the last, all of them'),
+    (':', 'type a command that shows something, such as status, tree, events; Esc leaves'),
+    ('q', 'leave the recording'),
+)
+
 HELP: Final = ('q quits', 'space plays', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
 """As many of them as there is room for beside a line of LEAST cells."""
 
@@ -90,6 +101,8 @@ class ReplayBar:
     def move(self, what: str) -> None:
         """Do what a key of :data:`MOVES` stands for."""
         if what == 'play':
+            if not self.is_playing and self.player.time >= self.player.duration:
+                self.player.go_to(0.0)
             self._played_from = None if self.is_playing else self._clock.now()
         elif what in ('forward', 'back'):
             self._played_from = None
@@ -99,6 +112,11 @@ class ReplayBar:
         else:
             by = JUMP_SECONDS if what == 'jump_forward' else -JUMP_SECONDS
             self.player.go_to(self.player.time + by)
+
+    def find(self, text: str) -> None:
+        """Go to the next moment in which this is said, and stand there. Raises RefusedError when there is none."""
+        self.player.find(text)
+        self._played_from = None
 
     def text(self, columns: int) -> Text:
         """The time line in one row."""
@@ -114,3 +132,8 @@ class ReplayBar:
         place = round(player.time / player.duration * (room - 1)) if player.duration else 0
         line = '-' * place + '|' + '-' * (room - 1 - place)
         return styled([Line(cut(f'{head}[{line}]{told}', columns), Tone.PLAIN)])
+
+
+def help_lines() -> list[str]:
+    """The keys of a recording, for people."""
+    return [f'{key:>8}  {help}' for key, help in KEYS]
