@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
@@ -65,8 +66,8 @@ class ClockSenders:
         self._messages = None
         problem = ''
         if len(self._writers) > 1:
-            found = {writer_name(node, names.CLOCK, writer) or 'a node that is gone' for writer in self._writers}
-            who = ', '.join(sorted(found))
+            found = Counter(writer_name(node, names.CLOCK, writer) or 'a node that is gone' for writer in self._writers)
+            who = ', '.join(name if count == 1 else f'{count} x {name}' for name, count in sorted(found.items()))
             problem = (
                 f'{len(self._writers)} publishers of {names.CLOCK} ({who}): the simulated time jumps between them; end '
                 'all but one, or start the others in another ROS_DOMAIN_ID'

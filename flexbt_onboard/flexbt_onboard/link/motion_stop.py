@@ -125,6 +125,11 @@ class MotionStop:
         """Cancel what other programs have sent the robot to do, once."""
         self._cancel_all_of(in_front=True)
 
+    def give_up_cancels(self) -> None:
+        """Send no cancel any more that still waits for its server: it would end what is about to begin."""
+        for call in self._asked.values():
+            call.cancel()
+
     def release(self) -> None:
         """The robot may move again."""
         if self._timer is not None:

@@ -46,6 +46,9 @@ class RobotStop(Protocol):
     def cancel_others(self) -> None:
         """Cancel what other programs have sent the robot to do."""
 
+    def give_up_cancels(self) -> None:
+        """Send no cancel any more that still waits for its server."""
+
     def release(self) -> None:
         """The robot may move again."""
 
@@ -65,8 +68,9 @@ class StopWatch:
         self._timer: Timer | None = None
 
     def begins(self) -> None:
-        """A run begins."""
+        """A run begins. A server that has just been started may not have been asked yet to end what went on before."""
         self._leave()
+        self._robot.give_up_cancels()
         self._robot.prepare()
 
     def halt_robot(self, is_running: bool) -> None:

@@ -121,9 +121,9 @@ def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monk
         ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
     )
     with contextlib.ExitStack() as stack:
-        for name in ('simulator', 'bag'):
+        for name in ('simulator', 'bag', 'simulator'):
             tell_time(stack.enter_context(NodeRuntime.open(name)))
-        bench.wait_for(lambda status: '2 publishers of /clock (/bag, /simulator)' in status.message, 'who they are')
+        bench.wait_for(lambda status: '3 publishers of /clock (/bag, 2 x /simulator)' in status.message, 'who they are')
     bench.wait_for(lambda status: not status.message, 'the end of it')
     assert bench.logged('ROS_DOMAIN_ID').severity == ExecutiveLog.WARN
 

@@ -15,14 +15,15 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, SentGoal, ServiceLinks
+from flexbt_common.calls import ActionLinks, SentGoal, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
+from flexbt_onboard.runs import StopWatch
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 FRONT = 'navigate_to_pose'
 
@@ -137,6 +138,27 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
         wait_until(lambda: set(robot.asked) == {FRONT, 'follow_path'}, 'the other one, although it is not answered')
         runtime.call(stop.release)
         robot.runtime.call(lambda: robot.front_answers.set_result(None))
+
+
+def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot: Robot) -> None:
+    with NodeRuntime.open('executive') as runtime:
+        links = ServiceLinks(runtime)
+        stop = runtime.call(
+            lambda: MotionStop(runtime, links, PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False)
+        )
+        watch = StopWatch(runtime, stop, 1.0, pytest.fail)
+        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+
+        def stop_and_start() -> None:
+            stop.hold()
+            assert FRONT in stop._asked
+            watch.begins()
+
+        runtime.call(stop_and_start)
+        wait_until(lambda: not runtime.call(lambda: len(stop._asked)), 'the end of all requests')
+        own = runtime.call(lambda: links.link(CancelGoal, f'{FRONT}/_action/cancel_goal'))
+        assert service_outcome(own, CancelGoal.Request(), DEADLINE).ok
+        assert robot.asked == [FRONT], 'what the test has asked'
 
 
 def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:
