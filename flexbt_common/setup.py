@@ -20,7 +20,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='What FlexBT nodes share: typed values, clocks, calls with deadlines, liveliness, start and stop.',
+    description='What every FlexBT node shares: typed values, action calls with deadlines, liveliness, start and stop.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [],

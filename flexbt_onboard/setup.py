@@ -17,7 +17,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='The FlexBT hierarchical state machine and the onboard behavior executive.',
+    description='The FlexBT onboard executive: runs supervised behaviors on the robot.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [

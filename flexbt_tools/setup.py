@@ -17,7 +17,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Trees and behaviors without a robot: check, show, draw, run with mocks.',
+    description='Trees and behaviors without a robot: check, show, draw, run with mocks, plan, synthesize, prove.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
