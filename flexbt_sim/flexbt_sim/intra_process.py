@@ -19,6 +19,10 @@ from rclpy.subscription import Subscription
 
 from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received
 
+LINGER_SECONDS: Final = 1.0
+"""A command that was sent while others listened may still wait for its receiver: when they are gone, so long the next
+ones go the same way, s, and none overtakes it."""
+
 LOOK_SECONDS: Final = 1.0
 """From one look at messages that nobody waits for to the next, s: that of the executor (node_executor.py)."""
 
@@ -46,6 +50,10 @@ class IntraProcessTopics:
         self._offered.add(key)
         return IntraProcessPublisher(publisher, lambda: self._receivers.get(key))
 
+    def withdraw(self, publisher: IntraProcessPublisher) -> None:
+        """Take back :meth:`publisher`."""
+        self._offered.discard(publisher.key)
+
     def is_offered(self, topic: str, message_type: type[Any]) -> bool:
         """Whether there is a publisher for a topic, by its full name, that hands over."""
         return (topic, message_type) in self._offered
@@ -69,6 +77,12 @@ class IntraProcessPublisher:
     def __init__(self, publisher: Publisher, receiver: Callable[[], _Receiver | None]) -> None:
         self._publisher = publisher
         self._receiver = receiver
+        self._sent_until = 0.0
+
+    @property
+    def key(self) -> Key:
+        """Its topic."""
+        return self._publisher.topic_name, self._publisher.msg_type
 
     def get_subscription_count(self) -> int:
         """How many receive, in this process or another one."""
@@ -79,10 +93,16 @@ class IntraProcessPublisher:
     def publish(self, message: Any) -> None:
         """Hand a message over, and send it if anybody else listens."""
         receiver, counted = self._receiver(), self._publisher.get_subscription_count()
-        is_sent = counted > (receiver is not None and receiver.is_subscribed)
+        is_subscribed = receiver is not None and receiver.is_subscribed
+        is_sent = counted > is_subscribed
+        if is_subscribed:
+            now = time.monotonic()
+            if is_sent:
+                self._sent_until = now + LINGER_SECONDS
+            is_sent = now < self._sent_until
         if is_sent:
             self._publisher.publish(message)
-        if receiver is not None and not (is_sent and receiver.is_subscribed):
+        if receiver is not None and not (is_sent and is_subscribed):
             receiver.receive(message)
 
 

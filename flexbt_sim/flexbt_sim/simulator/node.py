@@ -264,10 +264,12 @@ class Simulator:
 
     def _drive(self, robot: Robot, linear: float, angular: float) -> None:
         with self.lock:
+            if self.world.robots.get(robot.name) is not robot:
+                return  # it was removed meanwhile: nobody waits for its driver
             now = self.world.time
             robot.command(linear, angular, now)
-        until = now + robot.model.drive.watchdog
-        self.pacer.command_received(robot.name, now, until, is_stopping=linear == angular == 0.0)
+            until = now + robot.model.drive.watchdog
+            self.pacer.command_received(robot.name, now, until, is_stopping=linear == angular == 0.0)
 
     def _grip(self, robot: Robot, close: bool) -> str:
         with self.lock:

@@ -158,6 +158,9 @@ class RobotTopics:
     def close(self) -> None:
         """Take everything back: the robot is gone."""
         self._in_process.forget(self._command)
+        for publisher in (self._pose, self._scan):
+            if publisher is not None:
+                self._in_process.withdraw(publisher)
         for destroy, entity in self._entities:
             destroy(entity)
         self._amcl.close()

@@ -91,10 +91,25 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time() -
         wait_until(lambda: orders.get_subscription_count() == 2, 'the other one is not found')
         orders.publish(Int32(data=-1))
         wait_until(lambda: elsewhere == [-1] and commands[COUNT:] == [-1], 'not everybody has heard it')
-        sender.call(lambda: sender.node.destroy_subscription(other))
-        topics.forget(subscription)
+        busy.clear()
+        go_on.clear()
+        receiver.post(hold_up)
+        assert busy.wait(DEADLINE)
         orders.publish(Int32(data=-2))
-        wait_until(lambda: commands[COUNT:] == [-1, -2], 'who is no receiver any more has not heard it')
+        sender.call(lambda: sender.node.destroy_subscription(other))
+        wait_until(lambda: orders.get_subscription_count() == 1, 'the other one is not gone')
+        orders.publish(Int32(data=-3))
+        go_on.set()
+        wait_until(lambda: len(commands) > COUNT + 1, 'no command has come')
+        receiver.call(lambda: None)
+        orders.publish(Int32(data=-4))
+        wait_until(lambda: -4 in commands, 'a command is missing')
+        assert commands[COUNT:] == sorted(commands[COUNT:], reverse=True)  # none has overtaken another one
+        topics.forget(subscription)
+        orders.publish(Int32(data=-5))
+        wait_until(lambda: commands[-1] == -5, 'who is no receiver any more has not heard it')
+        topics.withdraw(poses)
+        assert not topics.is_offered('/poses', Int32)
     assert faults == []
 
 
