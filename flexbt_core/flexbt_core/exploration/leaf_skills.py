@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from string import Template
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from flexbt_core.behavior_tree import Entry, NodeKind, NodeStatus, TreeNode
+from flexbt_core.behavior_tree import ConversionError, Entry, NodeKind, NodeStatus, Port, TreeNode
+from flexbt_core.behavior_tree.model import NO_DEFAULT, PortValue
 from flexbt_core.monitors import Property, Violation
 from flexbt_core.skills import Literal, OutcomeClass, Skill
 
@@ -70,8 +72,22 @@ def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -
     of another topic, it says something else."""
     about = {told.get(name, name) for name in skill.parameters}
     return any(
-        port in leaf.ports and port not in about and value.text != str(leaf.ports[port].default)
+        port in leaf.ports and port not in about and not _is_default(leaf.ports[port], value)
         for port, value in leaf._values.items()
+    )
+
+
+def _is_default(port: Port, value: PortValue) -> bool:
+    """Whether a port is given its default, in whatever notation."""
+
+    def meant(given: Any) -> Any:
+        if isinstance(given, str) and port.type is not None and port.type.from_text is not None:
+            with suppress(ConversionError):
+                return port.type.parse(given)
+        return given
+
+    return value.key is None and bool(
+        meant(value.text if value.literal is NO_DEFAULT else value.literal) == meant(port.default)
     )
 
 

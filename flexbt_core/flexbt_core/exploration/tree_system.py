@@ -462,7 +462,8 @@ _ABSENT_ENTRY: Final = ('never written', 'no such entry', 'has no entry')
 def _fault(error: NodeExecutionError) -> Violation:
     cause = error.__cause__
     if isinstance(cause, PortError) and cause.is_absent:
-        text = f'{error.node_path} reads {{{cause.key}}} by its port {cause.port}, and nothing has written that before'
+        what = f'{error.node_path} reads {{{cause.key}}} by its port {cause.port}'
+        text = f'{what}, and there is nothing by that key: it was never written, or has been removed'
         return Violation(Property.DATA, error.node_path, text)
     is_data = isinstance(cause, PortError) or any(one in str(error) for one in _ABSENT_ENTRY)
     return Violation(Property.DATA if is_data else Property.NO_FAULT, error.node_path, str(error))

@@ -21,7 +21,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
     output_port,
 )
-from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.behavior_tree.model import DOUBLE, STRING
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
 from flexbt_core.monitors import parse_requirement
@@ -74,7 +74,7 @@ GOAL = {'goal': input_port(STRING)}
 
 class IsAt(IsSafe):
     skill = Skill.measuring(AT)
-    ports = {**GOAL, 'tolerance': input_port(STRING, default='0.5')}
+    ports = {**GOAL, 'tolerance': input_port(DOUBLE, default='0.5')}
 
 
 class Go(StandIn):
@@ -204,7 +204,7 @@ DEFECTS = {
     ),
     'needs to be elsewhere': ('<Sequence><Go goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
     'is told that it is not there': (
-        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.5"/></Inverter><Serve goal="dock"/></Sequence>',
+        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.50"/></Inverter><Serve goal="dock"/></Sequence>',
         Property.PRECONDITION,
     ),
     'is told to be elsewhere': ('<Sequence><IsAt goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
