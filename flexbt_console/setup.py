@@ -17,7 +17,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description="The FlexBT operator's control station: terminal screen, page for the browser, line mode and recordings.",
+    description="The FlexBT operator's control station: screen, page for the browser, line mode, recordings.",
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [

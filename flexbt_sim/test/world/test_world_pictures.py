@@ -96,7 +96,7 @@ def test_the_command_checks_draws_and_runs(tmp_path: Path, capsys: pytest.Captur
     file = tmp_path / 'world.yaml'
     file.write_text(WORLD)
     assert main(['check', str(file)]) == 0
-    assert '1 robots, 1 obstacles' in capsys.readouterr().out
+    assert '1 robot, 1 obstacle,' in capsys.readouterr().out
     assert main(['draw', str(file), str(tmp_path / 'world.png'), '--pixels', '120']) == 0
     drive = ['--drive', 'alpha=0.2,0.0', '--seconds', '3', '--pixels', '120']
     assert main(['run', str(file), str(tmp_path / 'run.png'), *drive]) == 0

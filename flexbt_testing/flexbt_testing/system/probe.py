@@ -52,7 +52,13 @@ class Probe(Operator):
 
     def wait_ready(self) -> None:
         """Everything runs and is connected."""
-        self.wait(lambda: self.pose and self._commands.get_subscription_count() and self._all_ready(), 'readiness')
+        self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness')
+
+    def _is_heard(self) -> bool:
+        """Whether the executive hears commands: others, as a recorder, may do so sooner."""
+        listeners = self.console.node.get_subscriptions_info_by_topic(names.EXECUTIVE_COMMAND)
+        is_known = any(one.node_name == 'onboard_executive' for one in listeners)
+        return is_known and bool(self._commands.get_subscription_count() >= len(listeners))
 
     def _all_ready(self) -> bool:
         return bool(self.statuses) and all(peer.ready for peer in self.status.peers)
