@@ -39,13 +39,21 @@ TRANSITIONS: Final = {
 class LifecycleServices:
     """Services ``NAME/get_state`` and ``NAME/change_state``. On the executor thread.
 
-    ``on_change`` is called with :attr:`is_active` after each transition that changes it. A name that is not absolute is
-    relative to the node's namespace.
+    ``on_change`` is called with :attr:`is_active` after each transition that changes it. While it is active and
+    ``is_ready`` gives False, those who ask are told that it is activating. A name that is not absolute is relative to
+    the node's namespace.
     """
 
-    def __init__(self, node: Node, name: str, on_change: Callable[[bool], object] = lambda _is_active: None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        on_change: Callable[[bool], object] = lambda _is_active: None,
+        is_ready: Callable[[], bool] = lambda: True,
+    ) -> None:
         self._node = node
         self._on_change = on_change
+        self._is_ready = is_ready
         self._state: int = _ACTIVE
         self._services = (
             node.create_service(GetState, f'{name}/get_state', self._tell),
@@ -68,7 +76,10 @@ class LifecycleServices:
             self._node.destroy_service(service)
 
     def _tell(self, request: Any, response: Any) -> Any:
-        response.current_state = State(id=self._state, label=self.label)
+        if self.is_active and not self._is_ready():
+            response.current_state = State(id=State.TRANSITION_STATE_ACTIVATING, label='activating')
+        else:
+            response.current_state = State(id=self._state, label=self.label)
         return response
 
     def _change(self, request: Any, response: Any) -> Any:

@@ -5,6 +5,7 @@ from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_typ
 
 from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
+from .called_servers import called_servers
 from .ending_goals import EndingGoals
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
@@ -36,6 +37,7 @@ __all__ = [
     'TopicCaches',
     'TopicCondition',
     'TriggerServices',
+    'called_servers',
     'error_code_of',
     'message_type',
 ]

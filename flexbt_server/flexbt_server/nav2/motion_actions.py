@@ -13,7 +13,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
 from flexbt_common.values import duration_message
-from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, PortError, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, DURATION, PATH, ActionLeaf
@@ -24,6 +24,9 @@ from .path_tracking import PathTracker
 
 VALID: Final = Predicate('valid', {'path': 'path'}, ConditionSensor('IsPathValid', {'path': '{$path}'}))
 """No pose of a path is in collision."""
+
+PATH_SECONDS: Final = 10.0
+"""How long after a failure of the controller the next path is waited for, s of wall time."""
 
 
 def count_recovery(board: Blackboard) -> None:
@@ -50,11 +53,15 @@ class RecoveryLeaf(ActionLeaf):
 class FollowPath(ActionLeaf):
     """Drives along ``path``. A new path or another controller on the blackboard replaces the goal without a stop.
 
+    A path without poses replaces none: while a planner that has failed is tried again, the robot goes on along the path
+    that it has. When the controller fails meanwhile and is tried again, it gets the path that comes next, and only if
+    none comes in time the one without poses, which it refuses. (Nav2's gets that at once, and the tree ends by it.)
+
     ``tracking_feedback`` is that of the controller; where the installed interfaces have none, as in Jazzy, it is
     reckoned from the path and the pose of the robot.
     """
 
-    __slots__ = ('_sent', '_tracker')
+    __slots__ = ('_path_by', '_sent', '_tracker')
 
     action_type = action.FollowPath
     default_server = names.FOLLOW_PATH
@@ -72,6 +79,18 @@ class FollowPath(ActionLeaf):
         super().__init__(config)
         self._sent: tuple[Any, ...] = ()
         self._tracker: PathTracker | None = None
+        self._path_by = -math.inf
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING if self._awaits_path() else super().on_running()
+
+    def _awaits_path(self) -> bool:
+        if self._goal is not None or self._steady.now() >= self._path_by:
+            return False
+        try:
+            return not self.get_input('path').poses
+        except PortError:
+            return False  # make_goal says why
 
     def make_goal(self) -> Any:
         self._sent = self._wanted()
@@ -93,6 +112,8 @@ class FollowPath(ActionLeaf):
         return NodeStatus.SUCCESS
 
     def on_failure(self, outcome: GoalOutcome) -> None:
+        if self._sent[0].poses:
+            self._path_by = self._steady.now() + PATH_SECONDS
         self._forget_tracking()
 
     def _forget_tracking(self) -> None:

@@ -14,23 +14,25 @@ Goals begin in the order in which they were accepted.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import NavigateToPose
 
 from flexbt_common import names
-from flexbt_common.calls import ActionCall, ActionLinks, GoalAdmission, GoalOutcome, GoalStatus, ServedGoal
+from flexbt_common.calls import ActionCall, GoalAdmission, GoalOutcome, GoalStatus, ServedGoal
 from flexbt_common.lifecycle import LifecycleServices
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformListener
 from flexbt_core.clock import Timer
 from flexbt_msgs.action import BtExecute
 from flexbt_server.goals import TreeGoals
+from flexbt_server.leaves import LeafServices, called_servers
 from flexbt_server.runs import RunOutcome
-from flexbt_server.trees import Blackboards
+from flexbt_server.trees import Blackboards, FoundTree
 
+from .activation import Activation
 from .navigator import ACTIONS, Navigator, NavigatorGoal
 from .parameters import NavigatorParameters
 from .waypoint_follower import WaypointFollower
@@ -50,19 +52,17 @@ class Navigators:
         parameters: NavigatorParameters,
         goals: TreeGoals,
         boards: Blackboards,
-        links: ActionLinks,
+        services: LeafServices,
+        default_trees: Sequence[FoundTree],
         refusal: str,
-        server_timeout: Callable[[], float],
-        cancel_timeout: float,
     ) -> None:
-        """``refusal``: why goals are refused until :meth:`activate`. ``server_timeout`` gives how long a server, or the
-        pose of the robot, is waited for, ``cancel_timeout`` how long the end of what is canceled; s of wall time.
-        """
+        """``services`` are those of leaves. ``refusal``: why goals are refused until :meth:`activate`."""
         self._runtime = runtime
         self._parameters = parameters
         self._goals = goals
-        self._links = links
-        self._server_timeout = server_timeout
+        self._services = services
+        self._default_trees = default_trees
+        self._activation: Activation | None = None
         self._admission = GoalAdmission('bt_navigator', refusal)
         self._at_work: list[NavigatorGoal] = []
         self._waiting: deque[tuple[NavigatorGoal, Callable[[], None], float]] = deque()
@@ -80,11 +80,11 @@ class Navigators:
         if names.FOLLOW_WAYPOINTS in parameters.navigators:
             self._follower = WaypointFollower(
                 runtime,
-                links.link(NavigateToPose, names.NAVIGATE_TO_POSE),
+                services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
                 stop_on_failure=parameters.stop_on_failure,
                 pause=parameters.waypoint_pause,
-                server_timeout=server_timeout,
-                cancel_timeout=cancel_timeout,
+                server_timeout=self._server_timeout,
+                cancel_timeout=services.cancel_timeout,
                 refusal=refusal,
             )
 
@@ -94,7 +94,8 @@ class Navigators:
         if self._navigators:
             TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
             self._admission.open()
-            self._parts.append(LifecycleServices(node, names.BT_NAVIGATOR, self._on_change))
+            self._wait_for_servers()
+            self._parts.append(LifecycleServices(node, names.BT_NAVIGATOR, self._on_change, self._has_its_servers))
         follower = self._follower
         if follower is not None:
             follower.admit('')
@@ -107,6 +108,7 @@ class Navigators:
         for part in self._parts:
             part.close()
         self._parts.clear()
+        self._wait_no_longer()
         self._admission.close(refusal)
         if self._follower is not None:
             self._follower.admit(refusal)
@@ -114,11 +116,28 @@ class Navigators:
     def _on_change(self, is_active: bool) -> None:
         """A lifecycle manager has changed the state of bt_navigator."""
         if is_active:
+            self._wait_for_servers()
             self._admission.open()
             return
+        self._wait_no_longer()
         self._admission.close('is inactive')
         for goal in [*self._at_work, *(goal for goal, *_ in self._waiting)]:
             self._goals.stop(goal, 'bt_navigator was deactivated')
+
+    def _server_timeout(self) -> float:
+        """How long a server, or the pose of the robot, is waited for, s of wall time."""
+        return self._services.appear_timeout(self._services.server_timeout)
+
+    def _wait_for_servers(self) -> None:
+        nodes = (node for tree in self._default_trees for node in tree.nodes())
+        self._activation = Activation(self._runtime, called_servers(nodes))
+
+    def _wait_no_longer(self) -> None:
+        if self._activation is not None:
+            self._activation.cancel()
+
+    def _has_its_servers(self) -> bool:
+        return self._activation is not None and self._activation.is_over
 
     # -- whose turn it is --------------------------------------------------------------------------------------------
 
@@ -194,7 +213,7 @@ class Navigators:
 
     def _on_goal_pose(self, pose: PoseStamped) -> None:
         ActionCall(
-            self._links.link(NavigateToPose, names.NAVIGATE_TO_POSE),
+            self._services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
             NavigateToPose.Goal(pose=pose),
             on_done=self._goal_pose_ended,
             server_timeout=self._server_timeout(),

@@ -27,7 +27,7 @@ from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCa
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher, TreeLogs
-from flexbt_server.trees import Blackboards, RosJsonTypes, TreeStore
+from flexbt_server.trees import Blackboards, FoundTree, RosJsonTypes, TreeStore
 
 from .parameters import ServerParameters, declare_parameters
 
@@ -57,13 +57,12 @@ class BtServer:
         for file in parameters.navigators.found_files:
             for reason in store.load([str(file)])[0].errors:
                 logger.error(f'not loaded: {reason}')
-        self._check_default_trees(store, parameters.navigators)
+        default_trees = self._default_trees(store, parameters.navigators)
         boards = Blackboards()
-        links = ActionLinks(runtime)
         topics = TopicCaches(runtime)
         services = LeafServices(
             runtime=runtime,
-            actions=links,
+            actions=ActionLinks(runtime),
             services=ServiceLinks(runtime),
             topics=topics,
             triggers=TriggerServices(runtime),
@@ -98,16 +97,7 @@ class BtServer:
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
         self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals.wake, admission))
         self.navigators = runtime.call(
-            lambda: Navigators(
-                runtime,
-                parameters.navigators,
-                goals,
-                boards,
-                links,
-                refusal,
-                lambda: services.appear_timeout(parameters.server_timeout),
-                parameters.cancel_timeout,
-            )
+            lambda: Navigators(runtime, parameters.navigators, goals, boards, services, default_trees, refusal)
         )
         self._call = runtime.call
         self.alive = LivelinessToken(runtime)
@@ -164,12 +154,14 @@ class BtServer:
         if refused:
             raise ServerParameterError(f"parameter 'preload': {'; '.join(refused)}")
 
-    def _check_default_trees(self, store: TreeStore, navigators: NavigatorParameters) -> None:
+    def _default_trees(self, store: TreeStore, navigators: NavigatorParameters) -> list[FoundTree]:
+        found = []
         for name, tree in navigators.default_trees.items():
             try:
-                store.find(tree)
+                found.append(store.find(tree))
             except UnknownTreeError as error:
                 raise ServerParameterError(f'parameter {DEFAULT_TREES[name]!r}: {error}') from None
+        return found
 
 
 def main(args: list[str] | None = None) -> int:

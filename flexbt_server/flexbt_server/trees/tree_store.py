@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 from flexbt_common.errors import ResourceError
 from flexbt_core.behavior_tree import (
     LoadError,
+    NodeDefinition,
     NodeRegistry,
     TreeDocument,
     TreeKey,
@@ -55,6 +56,11 @@ class FoundTree(NamedTuple):
     library: TreeLibrary
     key: TreeKey
     notice: str
+
+    def nodes(self) -> Iterator[NodeDefinition]:
+        """Those of the tree, and of the trees of which it is made."""
+        for tree in _trees_behind(self.library, self.key):
+            yield from self.library.definition(tree).nodes()
 
 
 class _Loaded(NamedTuple):
@@ -165,14 +171,9 @@ class TreeStore:
         """The documents that have the trees of which this one is made, and the models, which all go by."""
         found = self._files_of.get(key)
         if found is None:
-            library = self._library
-            keys = [key]
-            for tree in keys:
-                ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
-                targets = {library.find(id, tree.file) for id in ids}
-                keys += [target for target in targets if target is not None and target not in keys]
-            with_models = (file for file, document in library.documents.items() if document.models)
-            found = self._files_of[key] = list(dict.fromkeys([*(tree.file for tree in keys), *with_models]))
+            with_models = (file for file, document in self._library.documents.items() if document.models)
+            files = [tree.file for tree in _trees_behind(self._library, key)]
+            found = self._files_of[key] = list(dict.fromkeys([*files, *with_models]))
         return found
 
     def _refresh(self, names: Sequence[str]) -> str:
@@ -291,6 +292,16 @@ class TreeStore:
             report = by_file.get(name, new[-1] if new else reports[-1])
             report.code = BtLoadReport.REFUSED
             report.errors.append(reason)
+
+
+def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:
+    """The tree, and those of which it is made."""
+    keys = [key]
+    for tree in keys:
+        ids = {node.tree_id for node in library.definition(tree).nodes() if node.tree_id is not None}
+        targets = {library.find(id, tree.file) for id in ids}
+        keys += [target for target in targets if target is not None and target not in keys]
+    return keys
 
 
 def _errors_of(reports: Sequence[FileReport]) -> str:

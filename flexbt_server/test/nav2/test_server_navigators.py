@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped, TransformStamped
-from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose
+from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose, SmoothPath
 from nav2_msgs.msg import BehaviorTreeLog
 from tf2_msgs.msg import TFMessage
 
@@ -25,6 +25,7 @@ from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
+from flexbt_server.navigators import activation
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world, pose
 from flexbt_testing.waiting import wait_until
@@ -464,7 +465,7 @@ def test_the_log_of_the_tree_has_its_end(front: Front) -> None:
 def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:
     runtime = driving.world.client.runtime
     manager = LifecycleClient(runtime, names.BT_NAVIGATOR)
-    assert manager.state() == 'active'
+    wait_until(lambda: manager.state() == 'active', 'the servers of the default trees')
     assert LifecycleClient(runtime, names.WAYPOINT_FOLLOWER).state() == 'active'
     goal = driving.to(1.0)
     driving.drives_to(1.0)
@@ -474,6 +475,54 @@ def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:
     assert manager.change('activate')
     driving.navigation.hold.clear()
     ended(driving.to(3.0))
+
+
+def test_bt_navigator_is_active_when_the_servers_of_the_default_tree_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'tree.xml').write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Smooth">'
+        '<SmoothPath unsmoothed_path="{path}" smoothed_path="{path}"/></BehaviorTree><BehaviorTree ID="Main"><Sequence>'
+        '<ComputePathToPose goal="{goal}" path="{path}"/><SubTree ID="Smooth" _autoremap="true"/>'
+        '<FollowPath path="{path}" server_name="{who}"/></Sequence></BehaviorTree></root>'
+    )
+    parameters = {'default_nav_to_pose_bt_xml': str(tmp_path / 'tree.xml'), 'navigators': [names.NAVIGATE_TO_POSE]}
+    with open_world(**parameters) as world:
+        world.server.activate()
+        manager = LifecycleClient(world.client.runtime, names.BT_NAVIGATOR)
+        assert manager.state() == 'activating'
+        with monkeypatch.context() as short:
+            short.setattr(activation, 'ACTIVATION_SECONDS', 0.0)
+            wait_until(lambda: manager.state() == 'active', 'the end of its patience')
+        assert manager.change('deactivate') and manager.state() == 'inactive'
+        assert manager.change('activate') and manager.state() == 'activating'
+        world.navigation.serve({names.SMOOTH_PATH: SmoothPath})
+        wait_until(lambda: manager.state() == 'active', 'the server that was missing')
+
+
+def test_a_controller_that_fails_while_there_is_no_path_gets_the_next_one(driving: Front) -> None:
+    driving.world.client.load_tree(
+        '<PipelineSequence><RateController hz="5"><RecoveryNode number_of_retries="1">'
+        '<ComputePathToPose goal="{goal}" path="{path}"/><Wait/></RecoveryNode></RateController>'
+        '<RecoveryNode number_of_retries="1"><FollowPath path="{path}"/>'
+        '<SetBlackboard value="yes" output_key="again"/></RecoveryNode></PipelineSequence>'
+    )
+    wait = driving.navigation.actions[names.WAIT]
+    driving.navigation.hold.add(names.WAIT)
+    goal = driving.to(1.0, tree='Main')
+    driving.drives_to(1.0)
+    driving.navigation.fail[names.COMPUTE_PATH_TO_POSE] = (1_000_000, 208)
+    wait_until(lambda: wait.running, 'the recovery of the planner')
+    (follows,) = driving.follow.running
+    driving.follow.end(follows, 'abort')
+    asked = partial(driving.world.client.get, 'again', blackboard=names.NAVIGATE_TO_POSE)
+    wait_until(lambda: asked().entries, 'the controller, tried again')
+    driving.navigation.fail.clear()
+    wait.end(wait.running[0])
+    wait_until(lambda: driving.follow.running, 'the next path')
+    driving.arrive()
+    ended(goal)
+    assert all(request.path.poses for request in driving.follow.goals)
 
 
 @pytest.mark.parametrize('seed', range(3))

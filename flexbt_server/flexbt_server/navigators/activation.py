@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The activation of bt_navigator, which is over when the servers are there that its default trees call.
+
+In Nav2 the lifecycle manager brings planner and controller up before bt_navigator, and the nodes of the default tree
+wait for their servers. As there, it does not matter later whether they are still there: goals tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from rclpy.action.server import RCLError
+
+from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import Timer
+
+ACTIVATION_SECONDS: Final = 60.0
+"""How long the servers are waited for, s of wall time. What is not there then may never come: goals tell."""
+
+_LOOK_SECONDS: Final = 0.1
+_TOLD_AFTER: Final = 2.0
+"""Processes that begin together find each other within that time, s; people are told of those that do not."""
+
+
+class Activation:
+    """Waits for servers. Made and used on the executor thread.
+
+    ``is_over``: all of them were there, the time is up, or it was canceled.
+    """
+
+    def __init__(self, runtime: NodeRuntime, servers: Mapping[str, str]) -> None:
+        """``servers``: a service of each, and what people call it."""
+        self._runtime = runtime
+        self._servers = servers
+        self._began = runtime.steady.now()
+        self._is_told = False
+        self._timer: Timer | None = None
+        self.is_over = False
+        self._look()
+
+    def cancel(self) -> None:
+        """Wait no longer."""
+        self.is_over = True
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _look(self) -> None:
+        if self.is_over:
+            return
+        steady, logger = self._runtime.steady, self._runtime.node.get_logger()
+        missing = ', '.join(name for service, name in self._servers.items() if not self._is_there(service))
+        waited = steady.now() - self._began
+        if not missing or waited >= ACTIVATION_SECONDS:
+            self.is_over = True
+            if missing:
+                logger.warning(
+                    f'{names.BT_NAVIGATOR} is active without servers that its default trees call, and that did not '
+                    f'appear within {ACTIVATION_SECONDS:g} s: {missing}'
+                )
+            elif self._is_told:
+                logger.info(f'{names.BT_NAVIGATOR} is active: the servers of its default trees are there')
+            return
+        if waited >= _TOLD_AFTER and not self._is_told:
+            self._is_told = True
+            logger.info(f'{names.BT_NAVIGATOR} is not active yet: its default trees need {missing}')
+        self._timer = steady.call_at(steady.now() + _LOOK_SECONDS, lambda: self._runtime.post(self._look))
+
+    def _is_there(self, service: str) -> bool:
+        node = self._runtime.node
+        try:
+            return bool(node.count_services(node.resolve_service_name(service)))
+        except RCLError:
+            return False  # no server can have that name
