@@ -32,11 +32,12 @@ from .operator_values import answer
 class CommandBuilder:
     """Makes the commands of one operator.
 
-    Without an operator (None) whoever sits here is an observer, and every command is refused.
+    Without an operator (None) whoever sits here is an observer, and every command is refused for the reason ``why``.
     """
 
-    def __init__(self, operator: str | None) -> None:
+    def __init__(self, operator: str | None, why: str = 'an observer gives no commands; leave --observer out') -> None:
         self.operator = operator
+        self._why = why
 
     def command(self, view: View, kind: CommandKind) -> Command:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
@@ -45,7 +46,7 @@ class CommandBuilder:
             RefusedError: an observer gives no commands.
         """
         if self.operator is None:
-            raise RefusedError('an observer gives no commands; leave --observer out')
+            raise RefusedError(self._why)
         snapshot = view.snapshot
         return Command(
             id=os.urandom(16).hex(),

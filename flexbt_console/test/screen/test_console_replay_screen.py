@@ -23,7 +23,7 @@ from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import RunWriter
 from flexbt_console.recording.topics import TOPICS
-from flexbt_console.ui.screen import NoLink, OperatorScreen, ReplayBar
+from flexbt_console.ui.screen import NOTHING_SENT, NoLink, OperatorScreen, ReplayBar
 from flexbt_core.clock import ManualClock
 from flexbt_msgs.msg import ActiveState, ExecutiveStatus
 
@@ -97,7 +97,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: P
             assert word in text_of(app), word
 
     async def run() -> None:
-        make = CommandBuilder(None)
+        make = CommandBuilder(None, NOTHING_SENT)
         app = OperatorScreen(bar.player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar)
         async with app.run_test(size=(100, 30)) as pilot:
             await shows(pilot, 'RECORDING', 'State0', 'stands x1  0.0 / 10.0 s', '/ finds', 'nothing is sent')
@@ -124,7 +124,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: P
             await pilot.press('colon', *'/State2', 'enter')
             await shows(pilot, "nothing has 'State2' in it after 8.0 s")
             await pilot.press('home', 'exclamation_mark')
-            await shows(pilot, 'State0', 'observer')
+            await shows(pilot, 'State0', 'this is a recording; nothing was sent')
             await pilot.press('end', 'space')
             await shows(pilot, 'State0', 'plays x2  0.0 / 10.0 s')
             await pilot.press('q')

@@ -3,6 +3,6 @@
 
 from .app import OperatorScreen, run_screen, show_recording
 from .keys import KEYS
-from .replay_bar import NoLink, ReplayBar
+from .replay_bar import NOTHING_SENT, NoLink, ReplayBar
 
-__all__ = ['KEYS', 'NoLink', 'OperatorScreen', 'ReplayBar', 'run_screen', 'show_recording']
+__all__ = ['KEYS', 'NOTHING_SENT', 'NoLink', 'OperatorScreen', 'ReplayBar', 'run_screen', 'show_recording']

@@ -44,7 +44,7 @@ from .machine_lines import machine_lines, outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
 from .panes import Pane, styled
-from .replay_bar import MOVES, NoLink, Player, ReplayBar
+from .replay_bar import MOVES, NOTHING_SENT, NoLink, Player, ReplayBar
 from .replay_bar import help_lines as replay_help_lines
 from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
@@ -301,7 +301,7 @@ class OperatorScreen(App[None]):
     def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
         return (
             ('status', self._status),
-            ('alarm', lambda view, columns, rows: alarm_text(view, columns)),
+            ('alarm', lambda view, columns, rows: alarm_text(view, columns, is_recorded=self._replay is not None)),
             ('machine', self._machine),
             ('map', self._map.draw),
             ('decision', self._decision),
@@ -722,7 +722,7 @@ def run_screen(
 
 def show_recording(player: Player, clock: Clock) -> None:
     """Show a recording in this terminal until the operator leaves it."""
-    bar, make = ReplayBar(player, clock), CommandBuilder(None)
+    bar, make = ReplayBar(player, clock), CommandBuilder(None, NOTHING_SENT)
     _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar))
 
 

@@ -40,10 +40,12 @@ KEYS: Final = (
     ('q', 'leave the recording'),
 )
 
-HELP: Final = ('q quits', 'space plays', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
+HELP: Final = ('q quits', 'space plays', '? keys', ', . step', '[ ] speed', '/ finds', 'Home End 10 s')
 """As many of them as there is room for beside a line of LEAST cells."""
 
 LEAST: Final = 10
+
+NOTHING_SENT: Final = 'this is a recording; nothing was sent'
 
 
 class Player(Protocol):
@@ -70,7 +72,7 @@ class NoLink(NobodyAsked):
 
     def send(self, command: Command, timeout: float, label: str) -> object:
         """Refuse it."""
-        raise RefusedError('this is a recording; nothing was sent')
+        raise RefusedError(NOTHING_SENT)
 
 
 class ReplayBar:

@@ -49,14 +49,15 @@ def status_text(view: View, columns: int, robot: str, others: str) -> Text:
     return shown
 
 
-def alarm_text(view: View, columns: int) -> Text:
+def alarm_text(view: View, columns: int, *, is_recorded: bool = False) -> Text:
     """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows."""
     snapshot = view.snapshot
     shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
     if view.problem:
         shown.append(Line(one_line(view.problem), Tone.ERROR))
     if snapshot is not None and not view.live:
-        shown.append(Line('BLIND: this is how it was then; only STOP is sent', Tone.ERROR))
+        sent = '' if is_recorded else '; only STOP is sent'
+        shown.append(Line(f'BLIND: this is how it was then{sent}', Tone.ERROR))
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
