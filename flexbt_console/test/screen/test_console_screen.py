@@ -44,7 +44,7 @@ from flexbt_console.mirror import (
     Structure,
     TreeNode,
 )
-from flexbt_console.pictures import ASCII, acting_lines
+from flexbt_console.pictures import ASCII, acting_lines, width
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
 from flexbt_console.ui.screen.machine_lines import machine_lines
@@ -603,6 +603,17 @@ def test_leaves_that_the_bar_has_no_room_for_are_counted() -> None:
         robot.run_tree(*parents)
         bar = decision_lines(robot.mirror.view(), '', 80, ASCII)
         assert len(bar) == ROWS and 'Node3' in bar[2] and bar[3] == last
+
+
+def test_at_every_width_the_bar_has_the_choice_that_is_picked_and_no_row_is_too_long() -> None:
+    robot = Robot()
+    for count, text in ((3, 'x' * 30), (12, '部屋')):
+        choices = tuple(f'{text} {number}' for number in range(1, count + 1))
+        robot.show(dataclasses.replace(PLAN, outcome='', outcomes=choices))
+        for columns in range(1, 81):
+            bar = decision_lines(robot.mirror.view(), choices[-1], columns, ASCII)
+            assert len(bar) <= ROWS and all(width(row) <= columns for row in bar), (columns, bar)
+            assert columns < 4 or any('[' in row and ']' in row for row in bar), (columns, bar)
 
 
 def test_parents_in_a_ring_do_not_hang_the_screen() -> None:

@@ -143,18 +143,19 @@ def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns:
     shown = [*range(min(len(texts), CHOICE_ROWS * columns // LEAST_CELLS))]
     if texts and kept not in shown:
         shown.append(kept)
-    longest = columns
-    while True:
+
+    def rows_of(longest: int) -> list[str]:
         cells = [_cell(texts[one], longest, is_picked=decision.choices[one] == picked) for one in shown]
         if len(shown) < len(texts):
             cells.append(f' +{len(texts) - len(shown)} more: 0 ')
-        rows = _side_by_side(cells, columns)
-        if len(rows) <= CHOICE_ROWS or len(shown) == 1:
-            return [Line(row, Tone.DECISION) for row in rows[:CHOICE_ROWS]]
-        if longest == columns:
-            longest = max(NARROWEST, columns // -(-len(texts) // CHOICE_ROWS) - 2)
-        else:
+        return _side_by_side(cells, columns)
+
+    rows = rows_of(columns)
+    if len(rows) > CHOICE_ROWS:
+        narrow = min(columns, max(NARROWEST, columns // -(-len(texts) // CHOICE_ROWS) - 2))
+        while len(rows := rows_of(narrow)) > CHOICE_ROWS and len(shown) > 1:
             del shown[-2 if shown[-1] == kept else -1]
+    return [Line(row, Tone.DECISION) for row in rows[:CHOICE_ROWS]]
 
 
 def _cell(text: str, columns: int, *, is_picked: bool) -> str:
