@@ -302,6 +302,12 @@ def test_a_click_on_the_map_answers_and_drops_an_obstacle(browser: Browser) -> N
         assert len(robot.sent) == 1
         browser.driver.find_element(By.CSS_SELECTOR, '#obstacles button').click()
         browser.until(lambda: not world.dropped)
+        browser.press('g', Keys.ENTER)
+        browser.until_text('map-cursor', 'cursor')
+        browser.press(Keys.ESCAPE)
+        dropping = 'return document.getElementById("drop").getAttribute("aria-pressed")'
+        browser.until(lambda: browser.run(dropping) == 'false')
+        assert browser.run('return document.activeElement === document.body') and browser.text('map-cursor') == ''
 
 
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:

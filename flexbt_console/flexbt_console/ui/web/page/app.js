@@ -31,6 +31,7 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
   pose: (x, y, yaw) => { if (bar.shown?.wants_pose) bar.answer([x, y, yaw].map((one) => one.toFixed(3)).join(' '), mapDecision); },
   obstacle: (x, y) => send({obstacle: [x, y]}),
   cursor: (text) => { byId('map-cursor').textContent = text; },
+  leave: () => { dropping = false; choose(); },
 });
 let mapDecision = null;
 let dropping = false;

@@ -7,7 +7,7 @@ const TRACE_STEP = 0.05;
 const MOST_TRACE = 4000;
 
 export class RobotMap {
-  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is
+  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is; on.leave(): nothing is pointed at any more
   constructor(canvas, hint, on) {
     Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
     this.mode = '';          // '', 'pose' or 'obstacle'
@@ -240,13 +240,19 @@ export class RobotMap {
     const move = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]}[event.key] ?? [0, 0];
     const turn = {'<': TURN, '>': -TURN}[event.key] ?? 0;
     if (event.key === 'Enter' && this.cursor) this.send();
-    else if (event.key === 'Escape') this.point(null);
+    else if (event.key === 'Escape') this.leave();
     else if (move[0] || move[1] || turn || event.key === 'Enter') {  // Enter sends no cursor that was not there to be seen
       const {x, y, yaw} = this.cursor ?? this.pose ?? {x: 0, y: 0, yaw: 0};
       this.point({x: x + move[0], y: y + move[1], yaw: yaw + turn});
     } else return;
     event.preventDefault();
     event.stopPropagation();
+  }
+
+  leave() {
+    this.point(null);
+    this.canvas.blur();
+    this.on.leave();
   }
 
   send() {
