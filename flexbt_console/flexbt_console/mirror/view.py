@@ -105,6 +105,12 @@ class View:
             levels.update(dict.fromkeys('/' + '/'.join(labels[: n + 1]) for n in range(len(labels))))
         return tuple(levels)
 
+    @property
+    def lockable_paths(self) -> tuple[str, ...]:
+        """Paths of what is active and can be left, so that a lock means something, the innermost first."""
+        levels = (path for path in self.active_levels if path != '/')
+        return tuple(sorted(levels, key=lambda path: path.count('/'), reverse=True))
+
     def state(self, path: str) -> StateStructure | None:
         """Structure of a state or container of the run, when it is known."""
         return self.structure.state(path) if self.structure else None

@@ -277,6 +277,9 @@ def test_active_levels_from_the_outside_in() -> None:
     states = (ActiveState('/A/B/C'), ActiveState('/A/D'))
     mirror.receive_snapshot(Snapshot('e', 1, active_states=states))
     assert mirror.view().active_levels == ('/', '/A', '/A/B', '/A/B/C', '/A/D')
+    assert mirror.view().lockable_paths == ('/A/B/C', '/A/B', '/A/D', '/A')
+    mirror.receive_snapshot(Snapshot('e', 2, active_states=(ActiveState('/'),)))
+    assert mirror.view().lockable_paths == ()
 
 
 def test_a_number_that_was_never_the_executives_is_in_the_way_only_until_the_picture_is_silent() -> None:

@@ -356,6 +356,10 @@ def test_of_several_active_states_the_one_that_a_key_is_for_is_chosen() -> None:
             (CommandKind.REPEAT, '/Both/Drive'),
             (CommandKind.UNLOCK, '/Both'),
         ]
+        robot.show(dataclasses.replace(PLAN, path='/Both'), active_states=(), locked=())  # all inside it has ended
+        await seen(robot, pilot)
+        await pilot.press('l')
+        assert (robot.link.kinds[-1], robot.link.sent[-1].path) == (CommandKind.LOCK, '/Both')
 
     on_screen(robot, steps)
 

@@ -62,6 +62,10 @@ def _is_active(view: View) -> str:
     return '' if view.active_paths else 'no state is active'
 
 
+def _is_lockable(view: View) -> str:
+    return '' if view.lockable_paths else 'no state is active'
+
+
 _OF_DECISION: Final = (
     Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
     Key(tuple('0123456789'), '0-9', 'pick', 'pick an answer, by 0 from a list; Enter sends it', 'pick', _has_choices),
@@ -77,7 +81,7 @@ _OF_RUN: Final = (
     Key(('minus',), '-', 'less autonomy', 'let the robot decide less alone', 'less_autonomy', rank=3),
     Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
     Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
-    Key(('l',), 'l', 'lock', 'keep the active state from being left, or let it go', 'lock', _is_active, rank=3),
+    Key(('l',), 'l', 'lock', 'keep a state or container from being left, or let it go', 'lock', _is_lockable, rank=3),
     Key(('b',), 'b', 'break', 'set or clear a breakpoint at the active state', 'breakpoint', _is_active, rank=3),
     Key(('r',), 'r', 'repeat', 'leave the active state and enter it again', 'repeat', _is_active, rank=3),
 )
@@ -109,8 +113,7 @@ def lines_for(action: str, view: View, operator: str | None) -> list[str]:
         level = (snapshot.autonomy if snapshot else AutonomyLevel.LOW) + (1 if action == 'more_autonomy' else -1)
         return [f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}']
     if action == 'lock':
-        paths = sorted(view.active_levels[1:] or view.active_levels, key=lambda path: path.count('/'), reverse=True)
-        return _at_each(paths, 'lock', 'unlock', snapshot.locked if snapshot else ())
+        return _at_each(view.lockable_paths, 'lock', 'unlock', snapshot.locked if snapshot else ())
     if action == 'breakpoint':
         return _at_each(view.active_paths, 'breakpoint', 'clear', snapshot.breakpoints if snapshot else ())
     if action == 'repeat':

@@ -76,9 +76,10 @@ def _status(view: View) -> dict[str, Any] | None:
 def _active(view: View) -> dict[str, Any]:
     snapshot = view.snapshot
     if snapshot is None:
-        return {'paths': [], 'states': []}
+        return {'paths': [], 'lockable': [], 'states': []}
     return {
         'paths': view.active_levels,
+        'lockable': view.lockable_paths,
         'states': [
             {
                 'path': state.path,

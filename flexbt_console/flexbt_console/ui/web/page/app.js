@@ -9,7 +9,7 @@ import {ServerLink} from './server_link.js';
 
 const MOST_LOG = 500;
 const byId = (id) => document.getElementById(id);
-const known = {active: {paths: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
+const known = {active: {paths: [], lockable: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
 let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
 

@@ -46,12 +46,9 @@ export class Commands {
     this.atState('breakpoint at a state', active.states.map((state) => state.path), 'breakpoint', 'clear', status?.breakpoints ?? []);
   }
 
-  // A container, too, the innermost first.
   lock() {
     const {active, status} = this.now();
-    const depth = (path) => path.split('/').length;
-    this.atState('keep a state from being left', active.paths.filter((path) => path !== '/').sort((one, other) => depth(other) - depth(one)),
-      'lock', 'unlock', status?.locked ?? []);
+    this.atState('keep a state or container from being left', active.lockable, 'lock', 'unlock', status?.locked ?? []);
   }
 
   // Of several states that can be meant, one is chosen.
