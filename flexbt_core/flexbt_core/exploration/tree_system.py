@@ -95,7 +95,7 @@ TREE_LAYOUT: Final = Layout(
         Tree: frozenset(
             (
                 *('key', 'blackboard', 'context', 'nodes', 'definitions', 'subtrees', 'callbacks', 'root', '_depth'),
-                *('_after_round', '_entry', '_max_rounds', '_trunk', '_expanded', '_on_expanded'),
+                *('_after_round', '_entry', '_max_rounds', '_trunk', '_expanded', '_on_expanded', '_on_livelock'),
             )
         ),
     },
@@ -170,6 +170,7 @@ class TreeSystem:
             clock=self.clock,
             services=self._environment,
             substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
+            on_livelock=lambda message: None,  # what is found tells of it
             max_rounds=_ROUNDS,
         )
         self._tree.observe(self._note_status)

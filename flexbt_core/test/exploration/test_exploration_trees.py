@@ -234,13 +234,14 @@ def test_a_sound_tree_is_followed_to_its_end() -> None:
 
 
 @pytest.mark.parametrize(('body', 'kind'), DEFECTS.values(), ids=DEFECTS.keys())
-def test_a_defect_is_found_and_replays(body: str, kind: Property) -> None:
+def test_a_defect_is_found_and_replays(body: str, kind: Property, caplog: pytest.LogCaptureFixture) -> None:
     report = proved(body)
     assert {found.violation.property for found in report.counterexamples} == {kind}
     found = report.counterexamples[0]
     if kind.is_shown_by_a_way:  # the others are about what does not follow
         assert found.violation in replay(lambda: system(body), found.moves)
         assert not replay(lambda: system(body), found.moves[:-1])
+    assert not caplog.records, 'the report tells it all'
 
 
 def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed() -> None:

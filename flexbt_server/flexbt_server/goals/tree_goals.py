@@ -307,7 +307,7 @@ class TreeGoals:
                 )
             ),
             on_end=lambda outcome: self._runtime.post(lambda: self._on_end(running, outcome)),
-            on_overrun=self._runtime.node.get_logger().warning,
+            on_warning=self._runtime.node.get_logger().warning,
             monitoring=self._parameters.monitoring,
             on_violation=self._runtime.node.get_logger().error,
         )

@@ -65,8 +65,9 @@ class TreeRun(Generic[Client]):
     Its thread is part of the ``health`` of the process, as long as the run is, and unless a callback of the tree holds
     it up (a breakpoint).
 
-    ``on_overrun(message)`` is told, once a second at most, of ticks that take longer than the period of ``tick_rate``,
-    ``on_violation(message)`` of what the monitors find that ``monitoring`` asks for, which the outcome has, too.
+    ``on_warning(message)`` is told of ticks that take longer than the period of ``tick_rate``, and of a tree that keeps
+    waking itself, of each once a second at most; ``on_violation(message)`` of what the monitors find that
+    ``monitoring`` asks for, which the outcome has, too.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class TreeRun(Generic[Client]):
         on_adopted: Callable[[Client], None],
         on_refused: Callable[[Client, str], None],
         on_end: Callable[[RunOutcome], None],
-        on_overrun: Callable[[str], None],
+        on_warning: Callable[[str], None],
         monitoring: Monitoring,
         on_violation: Callable[[str], None],
     ) -> None:
@@ -108,7 +109,9 @@ class TreeRun(Generic[Client]):
         self._on_adopted = on_adopted
         self._on_refused = on_refused
         self._on_end = on_end
-        self._overruns = Overruns(key, self._tick_period, on_overrun)
+        self._on_warning = on_warning
+        self._silent_until = -math.inf
+        self._overruns = Overruns(key, self._tick_period, on_warning)
         self._monitoring = monitoring
         self._on_violation = on_violation
         self._findings = Findings(self._tell_finding)
@@ -255,6 +258,7 @@ class TreeRun(Generic[Client]):
             observers=() if log is None else [StatusLog(log)],
             after_round=self._tell_of_round,
             on_expanded=self._tell_of_expansion,
+            on_livelock=self._tell_of_livelock,
             substitute=None if monitor is None else monitor.watched,
         )
         if monitor is not None:
@@ -314,6 +318,12 @@ class TreeRun(Generic[Client]):
     def _tell_of_expansion(self) -> None:
         if self.tree is not None and not self._ended:
             self._observer.expanded(self.tree)
+
+    def _tell_of_livelock(self, message: str) -> None:
+        now = self._steady.now()
+        if now >= self._silent_until:
+            self._silent_until = now + 1.0
+            self._on_warning(message)
 
     def _adopt(self) -> None:
         with self._lock:

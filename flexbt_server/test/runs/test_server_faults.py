@@ -365,6 +365,18 @@ def test_ticks_that_take_too_long_are_told_with_numbers_once_a_second(monkeypatc
     assert 0.06 <= max(longest for _, longest in numbers) <= took
 
 
+def test_a_tree_that_keeps_waking_itself_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_world() as world:
+        told: list[str] = []
+        logger = world.server_runtime.node.get_logger()
+        monkeypatch.setattr(type(logger), 'warning', lambda self, message, **_: told.append(message))
+        world.client.load_tree('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>')
+        goal = world.client.execute()
+        wait_until(lambda: 'tree [Main] woke itself 10000 times in one tick; it may never end' in told, lambda: told)
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.CANCELED
+
+
 def test_a_report_of_ticks_that_take_too_long_is_of_those_since_the_last_one() -> None:
     told: list[str] = []
     overruns = Overruns(TreeKey('', 'Main'), 0.010, told.append)

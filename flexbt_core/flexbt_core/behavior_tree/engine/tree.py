@@ -46,8 +46,9 @@ class Tree:
 
     ``library`` and ``tree_id`` (with the document ``file`` to look in first) say which tree. ``observers``,
     ``after_round`` and ``on_expanded`` are those of :meth:`observe`. ``on_wake()`` is called, from any thread, when a
-    leaf asks for a tick, and when unfinished work ends. ``substitute(definition, path)`` may give another definition
-    for a node, such as a leaf that stands for it in a test.
+    leaf asks for a tick, and when unfinished work ends; ``on_livelock(message)`` when a tick ends because the tree
+    keeps waking itself. ``substitute(definition, path)`` may give another definition for a node, such as a leaf that
+    stands for it in a test.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Tree:
         after_round: Callable[[], None] | None = None,
         on_expanded: Callable[[], None] | None = None,
         on_wake: Callable[[], None] | None = None,
+        on_livelock: Callable[[str], None] = _logger.warning,
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
     ) -> None:
@@ -86,6 +88,7 @@ class Tree:
         self.callbacks = TickCallbacks(self.context, lambda: self.nodes)
         self._join()
         self._max_rounds = max_rounds
+        self._on_livelock = on_livelock
         self._failure: FailureTrace | None = None
         self._status = IDLE
         self.context.on_wake = on_wake
@@ -120,7 +123,7 @@ class Tree:
         rounds = 1
         while status is RUNNING and context.woken and not context.stopping:
             if rounds >= self._max_rounds:
-                _logger.warning('tree [%s] woke itself %d times in one tick; it may never end', self.key.id, rounds)
+                self._on_livelock(f'tree [{self.key.id}] woke itself {rounds} times in one tick; it may never end')
                 break
             context.woken = False
             status = self._tick()
