@@ -85,11 +85,30 @@ def test_a_dead_end_is_told_step_by_step_with_what_leaves_nothing() -> None:
     )
 
 
-def test_what_never_becomes_possible_is_named_with_what_it_lacks() -> None:
-    explanation = refused(coffee(('completed: [press, ', 'completed: [')))
-    assert (
-        "grind never becomes possible: precondition 'press' of grind (coffee.yaml:11) never holds" in explanation.never
+def test_what_never_becomes_possible_is_named_with_what_it_lacks_where_it_is_needed() -> None:
+    clean = '  clean:\n    interface: Try\n    preconditions: [clean]\n'
+    explanation = refused(coffee(('completed: [press, ', 'completed: ['), ('  brew:\n', f'{clean}  brew:\n')))
+    assert explanation.never == (
+        "brew never becomes possible: precondition 'grind' of brew (coffee.yaml:19) never holds",
+        "grind never becomes possible: precondition 'press' of grind (coffee.yaml:11) never holds",
     )
+
+
+@pytest.mark.parametrize(
+    ('problem', 'remedy'),
+    [
+        (coffee(goals=('brew & !brew',)), 'it contradicts itself'),
+        (coffee(goals=('brew & !brew',), retries=1), 'it contradicts itself'),
+        (coffee(goals=('brew', '!brew & grind')), 'they contradict each other'),
+        (coffee(goals=('press', '!press | !grind', 'grind')), 'they contradict each other'),
+    ],
+    ids=['one', 'with retries', 'two', 'three'],
+)
+def test_a_goal_that_contradicts_itself_is_not_blamed_on_capabilities(problem: Problem, remedy: str) -> None:
+    explanation = refused(problem)
+    assert (explanation.kind, explanation.never) == (Kind.LUCK, ())
+    assert [one for one in explanation.remedies if remedy in one] == list(explanation.remedies)
+    assert all(demand.startswith('goal ') for demand in explanation.conflict)
 
 
 @settings(max_examples=60, deadline=None)

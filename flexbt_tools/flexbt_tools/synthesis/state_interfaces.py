@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from flexbt_core.state_machine import EventState
-from flexbt_core.synthesis.inputs import Interface, Interfaces
+from flexbt_core.synthesis.inputs import Interface, Interfaces, UnknownParameterError
 from flexbt_core.values import hint
 from flexbt_tools.errors import UsageError
 
@@ -45,8 +46,20 @@ class StateInterfaces:
                 return self._others(name, parameters)
             known = [one for one in self._classes if '/' not in one]
             raise LookupError(f"there is no state '{name}'{hint(name, known)}; --states names modules with more")
+        _refuse_unknown(name, self._classes[name], parameters)
         try:
             state = self._classes[name](**parameters)
         except Exception as error:  # code of the state
             raise ValueError(f'{name} cannot be made: {type(error).__name__}: {error}') from error
         return Interface(state.outcomes, state.input_keys, state.output_keys)
+
+
+def _refuse_unknown(name: str, made: type[EventState], parameters: Mapping[str, Any]) -> None:
+    """Raises UnknownParameterError, where the parameters of a class are known."""
+    taken = inspect.signature(made).parameters.values()
+    if any(one.kind is one.VAR_KEYWORD for one in taken):
+        return
+    known = [one.name for one in taken if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+    for parameter in parameters:
+        if parameter not in known:
+            raise UnknownParameterError(name, parameter, known)

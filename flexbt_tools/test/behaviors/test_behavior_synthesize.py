@@ -107,6 +107,18 @@ def test_what_is_wrong_is_told_with_the_exit_code_for_it(coffee: str, words: lis
     assert (done.code, text in done.err) == (code, True), done.err
 
 
+def test_a_parameter_that_a_state_does_not_take_is_told_with_the_line_it_comes_from(coffee: str) -> None:
+    file = Path(coffee)
+    file.write_text(f'{COFFEE}    deadline: 5\n'.replace('{outcomes: [grind', '{outcoms: [grind'), encoding='utf-8')
+    done = tool('synthesize', coffee, '--goal', 'brew')
+    assert done.code == 3
+    assert done.err.splitlines() == [
+        f"{coffee}:5: capability grind: OperatorDecisionState takes no parameter 'outcoms'; did you mean 'outcomes'?",
+        f'{coffee}:14: deadline of capability brew: it is the parameter timeout of a state, and OperatorDecisionState '
+        'takes none (hint, outcomes, suggestion); leave the deadline out, or name a state that takes one',
+    ]
+
+
 def test_formulas_are_printed_as_slugs_reads_them_and_read_again(coffee: str, tmp_path: Path) -> None:
     """A specification that is whole needs no capabilities, and has the same machine, with states of its own."""
     printed = tool('synthesize', coffee, '--goal', 'brew', '--liveness', 'adversarial', '--specification').out

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_core.synthesis.games import Game, Join, Not, Section, Specification, Watch
-from flexbt_core.synthesis.inputs import Problem
+from flexbt_core.synthesis.games import Game, Join, Not, Section, Specification, Watch, names_in
+from flexbt_core.synthesis.inputs import OBJECTIVE, Problem
 
 from .conflict import smallest_conflict
 from .counter_play import CounterPlay
@@ -36,8 +36,8 @@ class Kind(Enum):
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """Why there is no machine. ``conflict`` is what was asked for and cannot be had together, in the words of the
-    files, with place; ``never`` what never becomes possible; ``steps`` one course of events, and ``stuck`` why it
-    ends; ``remedies`` what may help."""
+    files, with place; ``never`` what of that never becomes possible; ``steps`` one course of events, and ``stuck`` why
+    it ends; ``remedies`` what may help."""
 
     kind: Kind
     conflict: tuple[str, ...]
@@ -93,8 +93,12 @@ class _Question:
         match kind:
             case Kind.START:
                 return told
+            case Kind.LUCK if self._exclude_each_other(conflict):
+                alone = 'it contradicts itself, or the values that there are'
+                them = alone if len(conflict) == 1 else 'they contradict each other'
+                return replace(told, remedies=(f'change what is asked for: {them}, whatever the capabilities do',))
             case Kind.LUCK:
-                return replace(told, never=tuple(self._never()))
+                return replace(told, never=tuple(self._never(conflict)))
         solution = self._posed(kind, self._specification).solved(explained=True)
         steps, stuck = played(CounterPlay(solution, lenient=True), self._problem)
         return replace(told, steps=steps, stuck=stuck, play=CounterPlay(solution))
@@ -123,8 +127,17 @@ class _Question:
             case Kind.DEAD_END | Kind.NEVER:
                 return not game.can_begin_in(game.solved().winning)
 
-    def _never(self) -> list[str]:
-        """What never becomes possible from the start, whatever the world does, and which preconditions never hold."""
+    def _exclude_each_other(self, demands: Sequence[str]) -> bool:
+        """Whether demands could not be had together either if everything changed as it pleases."""
+        lines = self._specification.lines
+        asked = [line for line in lines if line.origin in demands]
+        begun = [line for line in lines if line.origin is None and line.section.value.endswith('INIT')]
+        meant = [line for line in lines if line.origin is None and line.rule == OBJECTIVE]
+        return self._fails(Kind.LUCK, replace(self._specification, lines=(*asked, *begun, *meant)))
+
+    def _never(self, conflict: Sequence[str]) -> list[str]:
+        """What of a conflict never becomes possible from the start, whatever the world does, and which preconditions
+        never hold."""
         game, of = self._game, self._encoding
         reached = game.start_world & game.start_system
         while True:
@@ -147,6 +160,12 @@ class _Question:
                     ):
                         if of.primed(reached) & of.set_of(condition) == of.false:
                             lacking.append(line.origin)
+            activation = set(names_in(self._problem.formula(words.active(name, primed=True))))
+            limits: list[str | None] = [*lacking] or [
+                line.origin for line in self._specification.lines if not activation.isdisjoint(names_in(line.formula))
+            ]
+            if conflict and set(conflict).isdisjoint(limits):
+                continue  # the goal is not missed for its sake
             found.append(f'{name} never becomes possible' + (f': {"; ".join(lacking)} never holds' if lacking else ''))
         return found
 

@@ -3,15 +3,16 @@
 
 from .capability_file import Capability, CapabilityFile, Mappings, read_capabilities, read_mappings
 from .hand_written import hand_written, is_whole
-from .interface import Interface, Interfaces, read_interfaces
+from .interface import Interface, Interfaces, UnknownParameterError, read_interfaces
 from .request import FAILURE_OUTCOMES, Request, read_request
 from .specification_file import SpecificationFile, as_structured_slugs, read_specification
-from .translation import Liveness, Options, Problem, translated
+from .translation import OBJECTIVE, Liveness, Options, Problem, translated
 from .vocabulary import Vocabulary
 from .yaml_nodes import YamlFile
 
 __all__ = [
     'FAILURE_OUTCOMES',
+    'OBJECTIVE',
     'Capability',
     'CapabilityFile',
     'Interface',
@@ -22,6 +23,7 @@ __all__ = [
     'Problem',
     'Request',
     'SpecificationFile',
+    'UnknownParameterError',
     'Vocabulary',
     'YamlFile',
     'as_structured_slugs',

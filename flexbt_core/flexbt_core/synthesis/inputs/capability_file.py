@@ -20,7 +20,9 @@ DEFAULT_OUTCOMES: Final = ('completed', 'failure')
 DEFAULT_AUTONOMY: Final = 1
 """The level of an outcome for which none is given (low)."""
 
-_TIMEOUT: Final = 'timeout'
+TIMEOUT: Final = 'timeout'
+"""The parameter of states that a deadline is."""
+
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
 _MAPPING_KEYS: Final = ('sm_outcome_mappings', 'state_outcome_mappings', 'transition_outcomes')
 _FILE_KEYS: Final = ('name', 'variable_mappings', 'memory', 'capabilities', *_MAPPING_KEYS)
@@ -60,6 +62,7 @@ class Capability:
     """What a state class can do. Conditions are as they are written; those by outcome have normalized outcomes.
 
     ``resources`` are what it has for itself while it is active; None, when nothing is said of it: then everything.
+    ``deadline`` is the line of the file that has one; its value is among the parameters, as ``timeout``.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Capability:
     userdata_in: Mapping[str, str] = field(default_factory=dict)
     userdata_out: Mapping[str, str] = field(default_factory=dict)
     resources: frozenset[str] | None = None
+    deadline: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +191,7 @@ def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str,
         _userdata(file, entries.get('userdata_in'), f'userdata_in of {what}'),
         _userdata(file, entries.get('userdata_out'), f'userdata_out of {what}'),
         _resources(file, entries['resources'], what) if 'resources' in entries else None,
+        line_of(entries['deadline']) if 'deadline' in entries else None,
     )
 
 
@@ -200,10 +205,10 @@ def _parameters(
     seconds = file.value(deadline, f'deadline of {what}')
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds < 1e9:
         file.problem(deadline, f'deadline of {what} has to be a number of seconds above 0, not {shown(seconds)}')
-    elif _TIMEOUT in parameters:
-        file.problem(deadline, f'{what} has a deadline and the parameter {_TIMEOUT}: write one of them')
+    elif TIMEOUT in parameters:
+        file.problem(deadline, f'{what} has a deadline and the parameter {TIMEOUT}: write one of them')
     else:
-        parameters[_TIMEOUT] = float(seconds)
+        parameters[TIMEOUT] = float(seconds)
     return parameters
 
 

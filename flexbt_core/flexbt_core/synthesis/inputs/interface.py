@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from flexbt_core.values import hint
+from flexbt_core.values import excerpt, hint
 
 from .yaml_nodes import YamlFile
 
@@ -23,11 +23,20 @@ class Interface:
     output_keys: tuple[str, ...] | None = None
 
 
+class UnknownParameterError(ValueError):
+    """A state class takes no parameter of this name; ``known`` are those that it takes."""
+
+    def __init__(self, state: str, parameter: str, known: Collection[str]) -> None:
+        super().__init__(f"{state} takes no parameter '{excerpt(parameter)}'{hint(parameter, known)}")
+        self.state, self.parameter, self.known = state, parameter, known
+
+
 class Interfaces(Protocol):
     """Finds what a state class declares."""
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> Interface:
-        """The interface of a class with these parameters. Raises LookupError or ValueError, fit for the user."""
+        """The interface of a class with these parameters. Raises LookupError or ValueError, fit for the user;
+        UnknownParameterError for a parameter that the class does not take."""
 
 
 def read_interfaces(text: str, source: str) -> Interfaces:

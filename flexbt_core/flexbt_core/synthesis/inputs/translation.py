@@ -20,9 +20,9 @@ from flexbt_core.synthesis.errors import SynthesisError
 from flexbt_core.synthesis.games import Formula, FormulaError, Line, Section, Specification, Variable, parse_formula
 from flexbt_core.values import excerpt, hint, shown
 
-from .capability_file import Capability, CapabilityFile, Mappings
+from .capability_file import TIMEOUT, Capability, CapabilityFile, Mappings
 from .concurrency import concurrent_pairs
-from .interface import Interface, Interfaces
+from .interface import Interface, Interfaces, UnknownParameterError
 from .request import FAILURE_OUTCOMES, Request
 from .specification_file import SpecificationFile
 from .vocabulary import CAPABILITY, Vocabulary, suffixes
@@ -34,6 +34,9 @@ _WORDS_OF_FORMULAS: Final = ('next', 'TRUE', 'FALSE', 'true', 'false')
 
 GAVE_UP: Final = 'failed'
 """The outcome that a machine gets which has a limit on retries, where the request has no failure outcome."""
+
+OBJECTIVE: Final = 'the outcome of the machine stands for the goal'
+"""The rule of what links the outcomes of the machine with the goals."""
 
 
 class Liveness(Enum):
@@ -189,6 +192,14 @@ class Translation:
             try:
                 found[one.name] = interfaces(one.interface, parameters)
             except (LookupError, ValueError) as error:
+                if isinstance(error, UnknownParameterError) and error.parameter == TIMEOUT and one.deadline:
+                    self._problem(
+                        one.deadline,
+                        f'deadline of capability {one.name}: it is the parameter {TIMEOUT} of a state, and '
+                        f'{error.state} takes none{hint("", error.known)}; leave the deadline out, or name a state '
+                        'that takes one',
+                    )
+                    continue
                 text = str(error.args[0]) if error.args else type(error).__name__
                 self._problem(one.line, f'capability {one.name}: {text}')
                 continue
@@ -519,7 +530,7 @@ class Translation:
     # -- what is to be reached ---------------------------------------------------------------------------------------
 
     def _objective(self) -> None:
-        self._rule = 'the outcome of the machine stands for the goal'
+        self._rule = OBJECTIVE
         words, add = self._vocabulary, self._add
         goals = [(self._expanded(text, False), f"goal '{excerpt(text)}' (request)") for text in self._request.goals]
         success = next((end for name, end in words.ends.items() if name not in FAILURE_OUTCOMES), None)
