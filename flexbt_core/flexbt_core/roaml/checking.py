@@ -18,8 +18,8 @@ from .model import Model
 from .paths import Order, Path
 from .properties import Property, judge_of
 from .random_runs import bounds_of, looks
-from .rounds import SATISFIED, EndlessError, Flow, Outcomes, Rounds
-from .system import NANOSECONDS, Followers, State, Step
+from .rounds import SATISFIED, EndlessError, Flow, Outcomes, OverError, Rounds
+from .system import NANOSECONDS, State, Step, one_of
 
 _CHAIN: Final = 2_000
 """Steps without a choice that are made as one."""
@@ -126,7 +126,9 @@ def check(
     notes: list[str] = []
     until = begin + limits.seconds
     followed = 0
-    rounds = Rounds(path) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
+    rounds = (
+        Rounds(path, limits.states) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
+    )
     if method is not Method.STATISTICAL and not model.is_random:
         share = 1.0 if method is Method.EXACT or order is Order.ANY else 0.5
         try:
@@ -149,7 +151,7 @@ def check(
                 raise
             notes.append(str(error))
             rounds = None
-    if rounds is not None and not model.is_random and followed > _REUSE * len(rounds):
+    if rounds is not None and not rounds.is_cut and not model.is_random and followed > _REUSE * len(rounds):
         try:
             return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, generator))
         except (EndlessError, ManyValuesError):
@@ -210,6 +212,8 @@ class _Explorer:
         self._ends: dict[int, tuple[State, int]] = {}
         self._fails: tuple[int, State, int] | None = None
         self._stuck = ''
+        self._made = 0
+        self._is_late = False
         self.is_complete = False
 
     def run(self) -> bool:
@@ -220,9 +224,7 @@ class _Explorer:
         for probability, state in self._path.system.initial():
             start.append((probability, self._reached(-1, state, 0, ahead)))
         while ahead:
-            if len(self.graph) % 64 == 0 and self._tell(len(self.graph), len(ahead)) >= self._until:
-                return False
-            if len(self.graph) > self._most:
+            if self._is_over(len(ahead)) or len(self.graph) > self._most:
                 return False
             number = ahead.popleft()
             held = self._states[number]
@@ -241,6 +243,13 @@ class _Explorer:
             self.graph[number] = rows
         self.is_complete = True
         return True
+
+    def _is_over(self, left: int) -> bool:
+        """Whether the time is over, which is looked at after each 64 steps."""
+        self._made += 1
+        if self._made % 64 == 0:
+            self._is_late = self._tell(len(self.graph), left) >= self._until
+        return self._is_late
 
     def _reached(self, source: int, state: State, count: int, ahead: deque[int]) -> int:
         """The number of the next state at which there is a choice."""
@@ -266,7 +275,7 @@ class _Explorer:
                 break
             state = follow[0][1]
             count += 1
-            if made % 64 == 63 and self._tell(len(self.graph), len(ahead)) >= self._until:
+            if self._is_over(len(ahead)):
                 break
         bound = max(path.asked.lower, (path.asked.upper or 0) + 1)
         count = min(count, bound) if path.is_bounded else 0
@@ -367,13 +376,9 @@ class _Runs(Protocol):
     steps: int
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:
-        """How a run ends; None: it was not decided in a million steps. Raises _OverError."""
+        """How a run ends; None: it was not decided in a million steps. Raises OverError."""
 
     def way(self) -> tuple[str, ...]: ...
-
-
-class _OverError(Exception):
-    """Time was over."""
 
 
 def _sampled(
@@ -391,7 +396,7 @@ def _sampled(
     while done < wanted:
         try:
             outcome = runs.one(lambda: tell(done, wanted - done) < until)  # noqa: B023
-        except _OverError:
+        except OverError:
             break
         done += 1
         good += outcome is True
@@ -401,11 +406,9 @@ def _sampled(
             if runs.steps < shortest:
                 shortest = runs.steps
                 way = runs.way()
-        if done in looks_at:
-            low, high = bounds_of(good, undecided, done, looks_at[done])
-            if (high - low) / 2.0 <= limits.error:
-                doubt, is_enough = looks_at[done], True
-                break
+        if done in looks_at and bounds_of(good, undecided, done, looks_at[done]).error <= limits.error:
+            doubt, is_enough = looks_at[done], True
+            break
     seconds = time.process_time() - begin
     if undecided:
         notes.append(f'{undecided} runs were not decided after {_RUN} steps')
@@ -414,13 +417,12 @@ def _sampled(
     )
     if done == 0:
         return found
-    value = good / done
-    low, high = bounds_of(good, undecided, done, doubt)
-    error = (high - low) / 2.0
+    bounds = bounds_of(good, undecided, done, doubt)
+    value, low, high = bounds
     if asked.is_negated:
         value, low, high = 1.0 - value, 1.0 - high, 1.0 - low
     how = (
-        f'statistical: {done} random runs (seed {limits.seed}), within {error:.3f} with probability '
+        f'statistical: {done} random runs (seed {limits.seed}), within {bounds.error:.3f} with probability '
         f'{limits.confidence:g}, automata {_ORDERS[path.order]}'
     )
     whole = is_enough or done >= wanted
@@ -440,24 +442,18 @@ class _RoundRuns:
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:
         self._made = []
-        number = self._take(None, 0, self._rounds.first())
+        number = self._take(None, 0, self._rounds.first(may_go_on))
         for count, at in enumerate(self._times):
             if number < 0:
                 break
             if count % 16 == 0 and not may_go_on():
-                raise _OverError
-            number = self._take(number, at, self._rounds.after(number, at))
+                raise OverError
+            number = self._take(number, at, self._rounds.after(number, at, may_go_on))
         self.steps = len(self._made)
         return (number if number < 0 else self._rounds.at_end(number)) == SATISFIED
 
     def _take(self, number: int | None, at: int, outcomes: Outcomes) -> int:
-        drawn = self._random.random()
-        after = outcomes[-1][1]
-        for probability, one in outcomes:
-            drawn -= probability
-            if drawn < 0.0:
-                after = one
-                break
+        after = one_of(outcomes, self._random.random)
         self._made.append((number, at, after))
         return after
 
@@ -482,11 +478,11 @@ class _StepRuns:
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:
         path, generator = self._path, self._random
-        state = _drawn(path.system.initial(), generator)
+        state = one_of(path.system.initial(), generator.random)
         self._made = []
         for count in range(_RUN):
             if count % 256 == 0 and not may_go_on():
-                raise _OverError
+                raise OverError
             self.steps = count
             decided = path.decided(state, count)
             if decided is not None:
@@ -495,21 +491,10 @@ class _StepRuns:
             if not steps:
                 return path.at_end(state)
             step = steps[0] if len(steps) == 1 else steps[int(generator.random() * len(steps))]
-            after = _drawn(path.system.follow(state, step), generator)
+            after = one_of(path.system.follow(state, step), generator.random)
             self._made.append((state, step, after))
             state = after
         return None
 
     def way(self) -> tuple[str, ...]:
         return tuple(line for one in self._made for line in self._path.system.narrate(*one))
-
-
-def _drawn(followers: Followers, generator: random.Random) -> State:
-    if len(followers) == 1:
-        return followers[0][1]
-    drawn = generator.random()
-    for probability, state in followers:
-        drawn -= probability
-        if drawn < 0.0:
-            return state
-    return followers[-1][1]

@@ -4,12 +4,25 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 _FIRST_LOOK: Final = 100
 _BETWEEN_LOOKS: Final = 0.6
 """Random runs up to a look, as a part of those up to the next one."""
 _HALVINGS: Final = 60
+
+
+class Bounds(NamedTuple):
+    """The part ``value`` of runs that were good, and between what the probability is."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def error(self) -> float:
+        """How far the probability can be from the value: near 0 and 1 that is one end of the bounds."""
+        return max(self.high - self.value, self.value - self.low)
 
 
 def looks(error: float, confidence: float) -> dict[int, float]:
@@ -27,14 +40,15 @@ def looks(error: float, confidence: float) -> dict[int, float]:
     return dict.fromkeys(reversed(before[1:]), doubt) | {last: half}
 
 
-def bounds_of(good: int, undecided: int, done: int, doubt: float) -> tuple[float, float]:
+def bounds_of(good: int, undecided: int, done: int, doubt: float) -> Bounds:
     """The bounds of the probability: outside of them so many good ones of all had less than the doubt.
 
     By the relative entropy of what was seen to what may be, which is to be below ln(2/δ) / n on each side (Chernoff
     1952; Hoeffding 1963, Theorem 1). Near 0 and 1 that is much tighter than Okamoto's bound, and nowhere wider.
     """
     most = math.log(2.0 / doubt) / done
-    return 1.0 - _above(1.0 - good / done, most), _above((good + undecided) / done, most)
+    value = good / done
+    return Bounds(value, 1.0 - _above(1.0 - value, most), _above((good + undecided) / done, most))
 
 
 def _above(seen: float, most: float) -> float:

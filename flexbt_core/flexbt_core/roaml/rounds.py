@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
+from functools import partial
 from typing import Final, NamedTuple
+
+from flexbt_core.roaml.language import ManyValuesError
 
 from .paths import Path
 from .system import State, Step
@@ -18,6 +21,8 @@ SATISFIED: Final = -1
 FAILED: Final = -2
 _STEPS: Final = 4_000
 """Steps in one round, after which the model is followed in another way."""
+_BETWEEN_QUESTIONS: Final = 1_000
+"""Steps in rounds, after which it is asked whether they may go on."""
 
 Outcomes = list[tuple[float, int]]
 """Probabilities, and numbers of states, SATISFIED or FAILED."""
@@ -28,6 +33,10 @@ class EndlessError(Exception):
     """A round that does not come to its end, or depends on the time."""
 
 
+class OverError(Exception):
+    """Time was over."""
+
+
 class Layer(NamedTuple):
     """The states at one time, and for each the place of one that led to it in the layer before."""
 
@@ -36,28 +45,38 @@ class Layer(NamedTuple):
 
 
 class Rounds:
-    """The states at which time goes on, by numbers, and the rounds between them."""
+    """The states at which time goes on, by numbers, and the rounds between them.
 
-    def __init__(self, path: Path) -> None:
+    ``most``: so many states of one round are followed side by side. Attributes: ``stuck``, why time cannot go on;
+    ``is_cut``, whether the time was over in a round that had taken most of it.
+    """
+
+    def __init__(self, path: Path, most: int) -> None:
         self._path = path
+        self._most = most
+        self._made = 0
+        self._question = _BETWEEN_QUESTIONS
         self._states: list[State] = []
         self._numbers: dict[State, int] = {}
         self._known: dict[tuple[int, tuple[int, ...]], Outcomes] = {}
         self.stuck = ''
+        self.is_cut = False
 
     def __len__(self) -> int:
         return len(self._states)
 
-    def first(self) -> Outcomes:
-        """What follows at the beginning. Raises EndlessError."""
-        return self._played(dict(_merged(self._path.system.initial())))
+    def first(self, may_go_on: Callable[[], bool]) -> Outcomes:
+        """What follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
+        return self._played(dict(_merged(self._path.system.initial())), may_go_on)
 
-    def after(self, number: int, time: int) -> Outcomes:
-        """What follows from a state when time has gone on to ``time``, in ns. Raises EndlessError."""
+    def after(self, number: int, time: int, may_go_on: Callable[[], bool]) -> Outcomes:
+        """What follows from a state when time has gone on to ``time``, in ns.
+
+        Raises EndlessError, ManyValuesError and OverError."""
         key = (number, self._path.system.due_at(time))
         found = self._known.get(key)
         if found is None:
-            found = self._known[key] = self._played({self._begun(number, time): 1.0})
+            found = self._known[key] = self._played({self._begun(number, time): 1.0}, may_go_on)
             if not self._path.system.is_timeless:
                 raise EndlessError
         return found
@@ -69,8 +88,9 @@ class Rounds:
     def _begun(self, number: int, time: int) -> State:
         return self._states[number]._replace(time=time, due=0)
 
-    def _played(self, ahead: dict[State, float]) -> Outcomes:
+    def _played(self, ahead: dict[State, float], may_go_on: Callable[[], bool]) -> Outcomes:
         found: dict[int, float] = {}
+        before = self._made
         for _ in range(_STEPS):
             then: dict[State, float] = {}
             for state, whole in ahead.items():
@@ -79,9 +99,20 @@ class Rounds:
                     found[outcome] = found.get(outcome, 0.0) + whole
                     continue
                 for step in steps:
-                    for part, after in self._path.system.follow(state, step):
+                    followers = self._path.system.follow(state, step)
+                    for part, after in followers:
                         probability = whole * part / len(steps)
                         then[after] = then.get(after, 0.0) + probability
+                    if len(then) > self._most:
+                        raise ManyValuesError(
+                            f'more than {self._most} states side by side at one time are too many to follow each'
+                        )
+                    self._made += len(followers)
+                    if self._made >= self._question:
+                        self._question = self._made + _BETWEEN_QUESTIONS
+                        if not may_go_on():
+                            self.is_cut = self._made - before > before
+                            raise OverError
             if not then:
                 return [(probability, number) for number, probability in found.items()]
             ahead = then
@@ -150,9 +181,15 @@ class Flow:
         self.states = 0
 
     def run(self) -> bool:
-        """Whether all was followed. Raises EndlessError."""
+        """Whether all was followed. Raises EndlessError and ManyValuesError."""
+        try:
+            return self._run()
+        except OverError:
+            return False
+
+    def _run(self) -> bool:
         now: dict[int, float] = {}
-        for probability, number in self._rounds.first():
+        for probability, number in self._rounds.first(lambda: self._may_go_on(0, 1)):
             self._add(now, number, probability, 0)
         self._layers.append(Layer(array('l', now), array('l', [0] * len(now))))
         self._times.append(0)
@@ -162,9 +199,11 @@ class Flow:
             then: dict[int, float] = {}
             parents = array('l')
             for place, (number, whole) in enumerate(now.items()):
-                if place % 256 == 0 and not self._may_go_on(self.states, len(now) - place):
+                left = len(now) - place
+                if place % 256 == 0 and not self._may_go_on(self.states, left):
                     return False
-                for part, after in self._rounds.after(number, time):
+                may_go_on = partial(self._may_go_on, self.states, left)
+                for part, after in self._rounds.after(number, time, may_go_on):
                     if self._add(then, after, whole * part, place):
                         parents.append(place)
             self._layers.append(Layer(array('l', then), parents))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
-from math import gcd
+from math import gcd, prod
 from typing import Any, Final, NamedTuple, TypeVar
 
 from flexbt_core.roaml.language import (
@@ -142,8 +142,9 @@ class ModelSystem:
             self._all(number, lambda one=one: one.begin(self._around(one, blank)))  # type: ignore[misc]
             for number, one in enumerate(self.automata)
         ]
+        _check_sets(prod(map(len, each)), 'the automata together')
         return [
-            (_product(part for part, _ in combined), blank._replace(locals=tuple(local for _, local in combined)))
+            (prod(part for part, _ in combined), blank._replace(locals=tuple(local for _, local in combined)))
             for combined in product(*each)
         ]
 
@@ -156,14 +157,15 @@ class ModelSystem:
         return Around(inputs, self._lots)
 
     def _all(self, number: int, run: Callable[[], list[tuple[float, _T]]]) -> list[tuple[float, _T]]:
-        """What an automaton does, for all values of what it draws."""
-        if self.draws or number not in self._draw_any:
+        """What an automaton does, for all values of what it draws; with ``draws`` one thing that it does."""
+        if self.draws:
+            return [(1.0, one_of(run(), self._drawn.real))]
+        if number not in self._draw_any:
             return run()
         found: list[tuple[float, _T]] = []
         ahead: list[tuple[int, ...]] = [()]
         while ahead:
-            if len(found) > MOST_SETS:
-                raise ManyValuesError(f'{self.automata[number].name} draws too many values at once to follow each')
+            _check_sets(len(found) + len(ahead), self.automata[number].name)
             lots = self._lots = AllLots(ahead.pop())
             try:
                 found += [(lots.probability * part, one) for part, one in run()]
@@ -300,12 +302,15 @@ class ModelSystem:
             )
         return [(1.0, after)]
 
+    def _is_received(self, event: int) -> bool:
+        return bool(self._receivers[event]) or event in self._of_tree
+
     def _put(self, state: State, event: int, values: tuple[Any, ...]) -> State:
         """An event is under way, unless nobody receives it."""
         place = self._places.get(event)
         if place is not None:
             state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
-        if self._receivers[event] or event in self._of_tree:
+        if self._is_received(event):
             state = state._replace(slots=(*state.slots, (event, values)))
         return state
 
@@ -370,6 +375,7 @@ class ModelSystem:
             )
             if len(branches) == 1 and branches[0][1] is local:
                 continue
+            _check_sets(len(found) * len(branches), f'who takes {self.events.names[event]}')
             found = [
                 (whole * part, one._replace(locals=_with(one.locals, number, after)))
                 for whole, one in found
@@ -388,7 +394,7 @@ class ModelSystem:
             if pending is not None and what in ('tick', 'halt'):
                 yield f'the tree {what}s {self.tree.path(pending[1])}'
         elif step.kind == 'send' and not self._is_between(step.subject):
-            yield from self._told(state, step.subject)
+            yield from self._told(state, step.subject, after)
         elif step.kind == 'time':
             yield f'at {step.subject / NANOSECONDS:g} s'
         elif step.kind == 'timer' and step.event is None:
@@ -406,14 +412,19 @@ class ModelSystem:
         """Whether an automaton only hands on what clients and servers say."""
         return self.automata[number].name.startswith(('srv_handler_', 'action_handler_'))
 
-    def _told(self, state: State, number: int) -> Iterator[str]:
+    def _told(self, state: State, number: int, after: State) -> Iterator[str]:
         automaton = self.automata[number]
         local = state.locals[number]
         due = automaton.due(local)
         if not isinstance(due, Send):
             return
         event = self.events.names[due.event]
-        values = automaton.values(local, due, self._around(automaton, state))
+        if self._is_received(due.event):
+            values = after.slots[-1][1]
+        else:
+            place = self._places.get(due.event)
+            sent = None if place is None else after.seen[place]
+            values = automaton.values(local, due, self._around(automaton, state)) if sent is None else sent
         who = automaton.name
         if automaton.uid and self.tree is not None:
             who = self.tree.path(automaton.uid)
@@ -445,12 +456,22 @@ class ModelSystem:
         return ''
 
 
+def one_of(choices: Sequence[tuple[float, _T]], draw: Callable[[], float]) -> _T:
+    """One of what can follow, drawn by the probabilities."""
+    if len(choices) == 1:
+        return choices[0][1]
+    drawn = draw()
+    for probability, one in choices:
+        drawn -= probability
+        if drawn < 0.0:
+            return one
+    return choices[-1][1]
+
+
 def _with(items: tuple[Any, ...], place: int, new: Any) -> tuple[Any, ...]:
     return (*items[:place], new, *items[place + 1 :])
 
 
-def _product(values: Any) -> float:
-    found = 1.0
-    for value in values:
-        found *= value
-    return found
+def _check_sets(count: int, who: str) -> None:
+    if count > MOST_SETS:
+        raise ManyValuesError(f'{who}: too many values are drawn at once to follow each')

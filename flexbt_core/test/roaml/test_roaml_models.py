@@ -125,17 +125,22 @@ def test_random_runs_keep_the_error_that_they_state(tmp_path: Path) -> None:
     main = write(tmp_path, {'asked': finally_('won.valid')}, nodes={'dice': DICE})
     result = checked(main, method=Method.STATISTICAL, limits=Limits(error=0.05, confidence=0.999, seed=7))
     assert result.size <= 1659  # ln(4/0.001) / (2 * 0.05**2)
-    assert (result.high - result.low) / 2 <= 0.05
+    assert result.high - 0.05 <= result.value <= result.low + 0.05
     assert result.low <= 1 - 0.75**3 <= result.high
     assert not result.is_exact
     assert result.holds is False
 
 
-def test_few_random_runs_are_enough_near_0_and_1(tmp_path: Path) -> None:
-    main = write(tmp_path, {'asked': finally_(COUNT, 10)}, nodes={'counter': COUNTER.format(rate=1)})
-    result = checked(main, method=Method.STATISTICAL)
-    assert (result.value, result.high, result.is_complete) == (1.0, 1.0, True)
-    assert result.low >= 0.97 and result.size < 300 < max(Limits().looks)
+def test_few_random_runs_are_enough_at_0_and_1(tmp_path: Path) -> None:
+    properties = {'always': finally_(COUNT, 10), 'never': finally_(COUNT, 11)}
+    main = write(tmp_path, properties, nodes={'counter': COUNTER.format(rate=1)})
+    limits = Limits(error=0.05)
+    always, never = (checked(main, name, method=Method.STATISTICAL, limits=limits) for name in properties)
+    assert (always.value, always.high, always.is_complete) == (1.0, 1.0, True)
+    assert (never.value, never.low, never.is_complete) == (0.0, 0.0, True)
+    # The value is one end of the bounds there: the error is all that is between them.
+    assert always.low >= 0.95 and never.high <= 0.05
+    assert always.size == never.size < 200 < max(limits.looks)
 
 
 @pytest.mark.parametrize('p', [0.0, 0.02, 0.3, 0.5, 1.0])
@@ -147,11 +152,11 @@ def test_the_bounds_of_random_runs_hold_with_their_confidence(p: float) -> None:
     for done in range(1, max(found) + 1):
         whole = {good: whole.get(good, 0.0) * (1.0 - p) + whole.get(good - 1, 0.0) * p for good in range(done + 1)}
         for good in list(whole) if done in found else ():
-            low, high = bounds_of(good, 0, done, found[done])
-            is_enough = (high - low) / 2.0 <= 0.08
+            bounds = bounds_of(good, 0, done, found[done])
+            is_enough = bounds.error <= 0.08
             assert is_enough or done < max(found)
             if is_enough:
-                wrong += whole.pop(good) * (not low - 1e-9 <= p <= high + 1e-9)
+                wrong += whole.pop(good) * (not bounds.low - 1e-9 <= p <= bounds.high + 1e-9)
     assert wrong <= 0.1
 
 
@@ -175,6 +180,7 @@ def test_math_random_is_drawn_anew_in_each_run(tmp_path: Path) -> None:
         ('Math.floor(Math.random() * 2) + 10 * Math.floor(Math.random() * 2)', {0: 0.25, 1: 0.25, 10: 0.25, 11: 0.25}),
         ('Math.random() &lt; 0.125 ? 1 : 0.25 &gt; Math.random() ? 2 : 3', {1: 0.125, 2: 0.21875, 3: 0.65625}),
         ('0.125 &lt; Math.random() ? 1 : 0', {1: 0.875, 0: 0.125}),
+        ('Math.floor(1 + 1e-17 * Math.random())', {1: 1.0}),
         ('Math.floor(Math.random() * 0) + (Math.random() &lt; 2 ? 1 : 0)', {1: 1.0}),
     ],
 )
@@ -207,6 +213,57 @@ def test_too_many_values_by_lot_are_drawn(tmp_path: Path) -> None:
     assert not found.is_exact and found.low <= 0.5 <= found.high and 'too many values' in found.notes[0]
     with pytest.raises(ModelFault, match='too many values'):
         checked(main, method=Method.EXACT)
+
+
+DRAW = """draw|<datamodel><data id="x" type="int32" expr="0"/></datamodel>{}
+    <state id="draw"><{} target="end"><assign location="x" expr="Math.floor(Math.random() * 150)"/></{}></state>
+    <state id="end"><onentry><if cond="x &lt; 75"><send event="{}"/></if></onentry></state>"""
+RATE = '<ros_time_rate name="clock" rate_hz="1"/>'
+
+
+@pytest.mark.parametrize(
+    ('head', 'transition'),
+    [('', 'transition'), ('', 'transition event="go"'), (RATE, 'ros_rate_callback name="clock"')],
+    ids=['at first', 'by an event', 'by timers'],
+)
+def test_too_many_values_of_several_automata_are_drawn(tmp_path: Path, head: str, transition: str) -> None:
+    nodes = {one: DRAW.format(head, transition, transition.split()[0], one) for one in ('a', 'b')}
+    nodes['sender'] = (
+        'go|<state id="go"><transition target="end"><send event="go"/></transition></state><state id="end"/>'
+    )
+    main = write(tmp_path, {'asked': finally_('a.valid')}, nodes=nodes)
+    found = checked(main, limits=Limits(error=0.05, states=1_000))
+    assert not found.is_exact and found.low <= 0.5 <= found.high and 'too many' in found.notes[0]
+    with pytest.raises(ModelFault, match='too many'):
+        checked(main, method=Method.EXACT, limits=Limits(states=1_000))
+
+
+CHOICE = """draw|<datamodel><data id="x" type="int32" expr="0"/></datamodel>{}
+    <state id="draw"><onentry><assign location="x" expr="Math.floor(Math.random() * {values})"/></onentry>
+        <transition target="draws"/></state>
+    <state id="draws"><onentry><send event="drawn"><param name="x" expr="x"/></send></onentry>
+        <transition><target id="won" prob="0.5"/><target id="lost"/></transition></state>
+    <state id="won"><onentry><send event="won"/></onentry></state><state id="lost"/>"""
+
+
+@pytest.mark.parametrize(('head', 'values'), [('', 100), (RATE, 1_000)], ids=['graph', 'rounds'])
+def test_it_is_looked_at_the_time_also_while_one_draws_many_values(tmp_path: Path, head: str, values: int) -> None:
+    node = CHOICE.format(head, values=values)
+    main = write(tmp_path, {'asked': finally_('won.valid')}, nodes={'one': node})
+    found = checked(main, method=Method.EXACT, limits=Limits(seconds=0.0))
+    assert not found.is_complete and found.low < 0.5 < found.high and found.size < 200
+
+
+@pytest.mark.parametrize('heard', ['<transition event="got" target="end"/>', ''])
+def test_the_way_tells_the_value_that_was_sent(tmp_path: Path, heard: str) -> None:
+    node = """draw|<state id="draw"><transition target="end"><send event="got">
+        <param name="x" expr="Math.floor(Math.random() * 20)"/></send></transition></state><state id="end"/>"""
+    isnt = {'op': '≠', 'left': 'got__x', 'right': 7}
+    asked = {'op': 'Pmin', 'exp': {'op': 'G', 'exp': isnt}}
+    nodes = {'one': node, 'two': f'wait|<state id="wait">{heard}</state><state id="end"/>'}
+    found = checked(write(tmp_path, {'asked': asked}, nodes=nodes))
+    assert found.is_exact and found.value == pytest.approx(0.95)
+    assert 'one sends got (x 7)' in found.way
 
 
 def test_the_order_of_automata_is_asked_for(tmp_path: Path) -> None:

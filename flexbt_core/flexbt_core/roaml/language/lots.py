@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Final, Protocol
 
 from .source_text import ModelFault
@@ -63,22 +62,31 @@ class AllLots:
     def whole(self, width: float, least: float) -> int:
         if not 0.0 <= width <= MOST_VALUES:
             raise ManyValuesError(f'Math.random() * {width:g} has too many values to follow each, or is negative')
-        first = math.floor(least)
-        if width == 0.0:
+        first, most = math.floor(least), least + width
+        last = math.ceil(most) - first - 1
+        if last < 1:
             return first
-        ends = [least, *range(first + 1, math.ceil(least + width)), least + width]
-        return first + self._take([(after - before) / width for before, after in pairwise(ends)])
+        taken = self._take(last + 1)
+        begin = first + taken if taken else least
+        end = first + taken + 1 if taken < last else most
+        # Not by the width: of a small one a part is rounded away when it is added.
+        self.probability *= (end - begin) / (most - least)
+        return first + taken
 
     def below(self, bound: float) -> bool:
         share = min(max(bound, 0.0), 1.0)
-        return share > 0.0 and (share >= 1.0 or self._take([share, 1.0 - share]) == 0)
+        if share in (0.0, 1.0):
+            return share == 1.0
+        is_below = self._take(2) == 0
+        self.probability *= share if is_below else 1.0 - share
+        return is_below
 
-    def _take(self, probabilities: list[float]) -> int:
+    def _take(self, count: int) -> int:
+        """Which of so many values it is in this set."""
         place = len(self._made)
-        is_new = place >= len(self._given)
-        taken = 0 if is_new else self._given[place]
-        if is_new:
-            self.others += [(*self._made, other) for other in range(1, len(probabilities))]
-        self._made.append(taken)
-        self.probability *= probabilities[taken]
-        return taken
+        if place >= len(self._given):
+            self.others += [(*self._made, other) for other in range(1, count)]
+            self._made.append(0)
+        else:
+            self._made.append(self._given[place])
+        return self._made[-1]
