@@ -7,7 +7,7 @@ import itertools
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
@@ -22,6 +22,9 @@ from flexbt_msgs.msg import (
 )
 
 from ..waiting import wait_until
+
+RESEND_SECONDS: Final = 2.0
+"""A command that is not answered is sent again after this time, s of wall time."""
 
 
 class Operator:
@@ -86,10 +89,17 @@ class Operator:
         self._commands.publish(command)
 
     def result(self, command_id: str) -> CommandResult:
-        """The result of a command, when it is there."""
+        """The result of a command, when it is there. Until then it is sent again, as consoles do: an executive that is
+        found may not have found this node."""
+        sent_at = time.monotonic()
 
         def find() -> CommandResult | None:
-            return next((result for result in self.status.results if result.command_id == command_id), None)
+            nonlocal sent_at
+            found = next((result for result in self.status.results if result.command_id == command_id), None)
+            if found is None and time.monotonic() - sent_at > RESEND_SECONDS:
+                sent_at = time.monotonic()
+                self.resend(command_id)
+            return found
 
         found = wait_until(find, lambda: f'result of {command_id}; {self.status}')
         assert isinstance(found, CommandResult)

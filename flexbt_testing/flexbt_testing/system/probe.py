@@ -74,7 +74,7 @@ class Probe(Operator):
     def drive_to(self, x: float, y: float, driven: float = 0.5) -> None:
         """Start the first demonstration, give it a goal, and wait until the robot has driven so many metres."""
         self.wait_state(ExecutiveStatus.IDLE)
-        self.send(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
+        self.applied(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
 
         def decision() -> PendingDecision | None:
             decisions = self.status.decisions
@@ -88,7 +88,7 @@ class Probe(Operator):
         goal.pose.position.x, goal.pose.position.y, goal.pose.orientation.w = x, y, 1.0
         start = self.pose
         assert start is not None
-        self.send(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
+        self.applied(ExecutiveCommand.ANSWER, decision_id=asked.id, inputs=[to_entry('goal', goal)])
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
     def reset(self) -> None:
