@@ -4,8 +4,9 @@
 What a process has to keep answering is registered: its executor, the thread of a run, the loop of a simulation. Every
 :data:`PERIOD` the clock's thread asks all of them, and when the last one has answered, that is a *beat*. Whoever tells
 others that the process is alive does so on beats, and so nobody does while any one of those threads hangs, or the
-clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive. After a hang, what
-has waited for the thread is handled before there is a beat again.
+clock's own; there is no state in which a part of a process is stuck and the whole is shown as alive. After a hang
+there is no beat for :data:`SETTLE_SECONDS`, in which what has waited for the thread is handled; what takes longer than
+that is not waited for.
 
 A hang is told once, with the stack of the thread that does not answer, and so is its end. That nothing of the process
 ran for a while is told before a thread goes on that has looked (:meth:`Health.look`).
@@ -43,7 +44,7 @@ of a participant); what was sent to it meanwhile, a cancel too, may be lost, s."
 SETTLE_SECONDS: Final = 0.3
 """After a hang, or a stop of the whole process, nothing is called alive for so long, s of wall time: a cancel that has
 waited meanwhile goes through the threads of the process, and on to others, before they let go on what it ends. It
-takes a tenth of a second."""
+takes a tenth of a second where no other work has waited as well: this is a time, no promise that all is handled."""
 
 Ping = Callable[[Callable[[], None]], object]
 """Called on the clock's thread with ``answer``, which the thread that is watched has to call, soon. It must not block,

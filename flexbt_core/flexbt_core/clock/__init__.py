@@ -5,5 +5,6 @@ from .clock import Clock, ManualClock, SteadyClock, Timer
 from .timer_queue import TimerQueue
 from .told_when_late import told_when_late
 from .wake_event import WakeEvent
+from .work_thread import WorkThread
 
-__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent', 'told_when_late']
+__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent', 'WorkThread', 'told_when_late']

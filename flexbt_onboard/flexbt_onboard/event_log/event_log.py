@@ -5,7 +5,8 @@ A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with i
 for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
 on up to a number of files.
 A thread of its own writes, so that nobody waits for the disk; that it hangs is told, and events wait. What cannot be
-written is told once, and counted. A disk that was full leaves a line that is cut off, and an empty one when it goes on.
+written is counted, and told once, until there is another reason. A disk that was full leaves a line that is cut off,
+and an empty one when it goes on.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
 ``event``, and what belongs to the event:
@@ -57,7 +58,8 @@ EVENT_LOG_FILES: Final = 5
 """Files that are kept, the one that is being written included."""
 
 MOST_WAITING: Final = 20_000
-"""Events that may wait for a disk that is slow; more of them are lost, and counted."""
+"""Events that may wait for a disk that is slow, those included that it is to write now; more of them are lost, and
+counted."""
 
 STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for what waits is told."""
@@ -69,7 +71,8 @@ class EventLog:
     """Appends events to a file; from any thread.
 
     ``on_problem`` is called on the writing thread, or that of ``steady``: with a text when the file cannot be written,
-    and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the time stamps.
+    or not for another reason, and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the
+    time stamps.
     """
 
     def __init__(
@@ -90,7 +93,8 @@ class EventLog:
         self._queue: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         self._lock = threading.Lock()
         self._lost = 0
-        self._has_problem = False
+        self._problem: object = None
+        self._in_hand = 0
         self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
             self._thread.start()
@@ -99,7 +103,7 @@ class EventLog:
         """Write an event with plain values: texts, numbers, lists and mappings."""
         if self._file is None:
             return
-        if self._queue.qsize() >= MOST_WAITING:
+        if self._in_hand + self._queue.qsize() >= MOST_WAITING:
             self._lose(1)
             return
         stamp = self._clock.stamp()
@@ -125,7 +129,9 @@ class EventLog:
                 is_open = False
                 batch = batch[: batch.index(None)]
             if batch:
+                self._in_hand = len(batch)
                 self._write([event for event in batch if event is not None])
+                self._in_hand = 0
 
     def _write(self, events: list[dict[str, Any]]) -> None:
         with self._lock:
@@ -137,23 +143,27 @@ class EventLog:
             text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
             # A line that a full disk has cut off ends here.
             with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
-                self._append(('\n' if self._has_problem else '') + text)
+                self._append(('\n' if self._problem else '') + text)
         except Exception as error:  # not of the disk alone: a value may not let itself be written
             self._lose(lost + len(events))
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
-            self._tell(f'the event log {self._file} cannot be written: {kind}{error}; going on without it')
+            self._tell(
+                (type(error), getattr(error, 'errno', None)),
+                f'the event log {self._file} cannot be written: {kind}{error}; going on without it',
+            )
             return
-        self._tell('')
+        self._tell(None, '')
 
     def _tell_stuck(self) -> None:
         self._tell(
+            TimeoutError,
             f'the event log {self._file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; up to '
-            f'{MOST_WAITING} events wait for it'
+            f'{MOST_WAITING} events wait for it',
         )
 
-    def _tell(self, problem: str) -> None:
-        if bool(problem) != self._has_problem:
-            self._has_problem = bool(problem)
+    def _tell(self, kind: object, problem: str) -> None:
+        if kind != self._problem:
+            self._problem = kind
             self._on_problem(problem)
 
     def _lose(self, number: int) -> None:
@@ -168,9 +178,8 @@ class EventLog:
             self._rotate()
         # Opened for each batch: whoever moves or deletes the file does not end the log.
         with self._file.open('ab', buffering=0) as file:
-            written = file.write(data)
-            if written != len(data):
-                raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
+            while data:  # when not all fits, the rest tells why
+                data = data[file.write(data) :]
 
     def _rotate(self) -> None:
         assert self._file is not None

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -37,9 +38,18 @@ MOTION_ACTIONS: Final = (
 )
 """Actions of Nav2 that move the robot, by their default names."""
 
-FRONT_ACTIONS: Final = frozenset({'navigate_to_pose', 'navigate_through_poses', 'follow_waypoints'})
-"""Those of them by which other programs send the robot somewhere, each through servers of the others. They are asked
-first: one whose own goal was taken away by somebody else has failed, and was not canceled."""
+_FRONT: Final = {
+    'dock_robot': 0,
+    'undock_robot': 0,
+    'follow_waypoints': 1,
+    'navigate_to_pose': 2,
+    'navigate_through_poses': 2,
+}
+"""Those of them by which other programs send the robot somewhere, each through servers of those that follow. They are
+asked in this order, before the rest: one whose own goal was taken away by somebody else has failed, and was not
+canceled; opennav_docking then sends it once more."""
+
+_REST: Final = max(_FRONT.values()) + 1
 
 _STATUS_BYTES: Final = 1_000_000
 """The goals of a server are told in at most so many bytes: 35,000 of them."""
@@ -50,8 +60,9 @@ _PERIOD: Final = 0.05
 _CANCEL_PERIODS: Final = 10
 """From one cancel of all goals to the next, in these periods."""
 
-_FRONT_PERIODS: Final = 4
-"""For so long the others wait for the answers of those in front; zero velocity is commanded meanwhile."""
+_FRONT_SECONDS: Final = 0.2
+"""For so long those that follow wait for the answers of those in front, in all; zero velocity is commanded meanwhile,
+where the robot is kept at rest."""
 
 _LEAST_SECONDS: Final = 1.0
 """Zero velocity is commanded for so long at least, and again when the robot moves."""
@@ -91,8 +102,9 @@ class MotionStop:
         self._asked: dict[str, ServiceCall] = {}
         self._busy: dict[str, set[bytes]] = {}  # by action: the writers who have told of a goal that goes on
         self._timer: Timer | None = None
+        self._unasked: list[list[str]] = []  # actions of one rank each
+        self._patience: Timer | None = None
         self._round = 0
-        self._is_rest_asked = True
         self._zero_until = 0.0
         self._seen = Pose()
         self._seen_at = -math.inf
@@ -123,29 +135,28 @@ class MotionStop:
 
     def cancel_others(self) -> None:
         """Cancel what other programs have sent the robot to do, once."""
-        self._cancel_all_of(in_front=True)
+        if not self._unasked:
+            self._cancel_all_of([name for name in self._servers() if name in _FRONT])
 
     def give_up_cancels(self) -> None:
         """Send no cancel any more that still waits for its server: it would end what is about to begin."""
+        self._unasked = []
         for call in self._asked.values():
             call.cancel()
 
     def release(self) -> None:
         """The robot may move again."""
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
+        self._unasked = []
+        for timer in (self._timer, self._patience):
+            if timer is not None:
+                timer.cancel()
+        self._timer = self._patience = None
 
     def _act(self) -> None:
         steady = self._runtime.steady
         self._timer = steady.call_at(steady.now() + _PERIOD, lambda: self._runtime.post(self._act_again))
-        since = self._round % _CANCEL_PERIODS
-        if since == 0:
-            self._cancel_all_of(in_front=True)
-            self._is_rest_asked = False
-        if not self._is_rest_asked and (since >= _FRONT_PERIODS or FRONT_ACTIONS.isdisjoint(self._asked)):
-            self._cancel_all_of(in_front=False)
-            self._is_rest_asked = True
+        if self._round % _CANCEL_PERIODS == 0:
+            self._cancel_all_of(self._servers())
         self._round += 1
         if self._moves() or steady.now() < self._zero_until:
             self._command_zero()
@@ -184,10 +195,27 @@ class MotionStop:
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
 
-    def _cancel_all_of(self, *, in_front: bool) -> None:
-        for name in self._servers():
-            if (name in FRONT_ACTIONS) is in_front:
-                self._cancel_all(name)
+    def _cancel_all_of(self, names: Sequence[str]) -> None:
+        """Ask each when those in front of it have answered, or in a moment."""
+        unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(names, key=_rank), _rank)]
+        if self._patience is not None:
+            self._patience.cancel()
+
+        def lose_patience() -> None:
+            while unasked and unasked is self._unasked:
+                self._ask_next()
+
+        steady = self._runtime.steady
+        self._patience = steady.call_at(steady.now() + _FRONT_SECONDS, lambda: self._runtime.post(lose_patience))
+        self._ask_answered()
+
+    def _ask_answered(self) -> None:
+        while self._unasked and all(_rank(name) >= _rank(self._unasked[0][0]) for name in self._asked):
+            self._ask_next()
+
+    def _ask_next(self) -> None:
+        for name in self._unasked.pop(0):
+            self._cancel_all(name)
 
     def _cancel_all(self, name: str) -> None:
         self._listen(name)
@@ -197,6 +225,7 @@ class MotionStop:
 
         def answered(_outcome: ServiceOutcome) -> None:
             self._asked.pop(name, None)
+            self._ask_answered()
 
         self._asked[name] = ServiceCall(
             self._services.link(CancelGoal, service), CancelGoal.Request(), on_done=answered
@@ -215,6 +244,10 @@ class MotionStop:
             self._commands.publish(message)
         else:
             self._commands.publish(Twist())
+
+
+def _rank(action: str) -> int:
+    return _FRONT.get(action, _REST)
 
 
 def _status_topic(action: str) -> str:

@@ -172,18 +172,25 @@ class Unwritable:
         raise RuntimeError('no text for this')
 
 
-def test_a_value_that_cannot_be_written_is_told_and_does_not_end_the_log(tmp_path: Path) -> None:
+def test_each_reason_not_to_write_is_told_and_none_ends_the_log(tmp_path: Path) -> None:
     problems: list[str] = []
     file = tmp_path / 'r.jsonl'
     with NodeRuntime.open('odd') as runtime:
         log = EventLog(file, runtime.clock, runtime.steady, problems.append)
         log.add('odd', value=Unwritable())
         wait_until(lambda: len(problems) == 1, 'the problem')
+        file.mkdir()
+        log.add('nowhere')
+        wait_until(lambda: len(problems) == 2, 'another problem')
+        log.add('nowhere')
+        wait_until(lambda: log._lost == 3, 'that it was tried again')
+        file.rmdir()
         log.add('next')
-        wait_until(lambda: len(problems) == 2, 'the end of it')
+        wait_until(lambda: len(problems) == 3, 'the end of it')
         log.close()
-    assert 'RuntimeError: no text for this' in problems[0] and problems[1] == ''
-    assert [json.loads(line)['event'] for line in file.read_text().split('\n') if line] == ['lost', 'next']
+    assert 'RuntimeError: no text for this' in problems[0] and 'directory' in problems[1] and problems[2] == ''
+    lost, following = [json.loads(line) for line in file.read_text().split('\n') if line]
+    assert (lost['number'], following['event']) == (3, 'next')
 
 
 def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:

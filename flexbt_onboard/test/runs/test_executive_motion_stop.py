@@ -9,13 +9,22 @@ from typing import Any
 import pytest
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, Twist
-from nav2_msgs.action import NavigateToPose, Spin
+from nav2_msgs.action import DockRobot, NavigateToPose, Spin
 from rclpy.action import CancelResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, SentGoal, ServiceLinks, service_outcome
+from flexbt_common.calls import (
+    ActionCall,
+    ActionLinks,
+    GoalOutcome,
+    GoalStatus,
+    SentGoal,
+    ServiceLinks,
+    service_outcome,
+)
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
@@ -124,7 +133,7 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
         )
         wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
         with monkeypatch.context() as patched:
-            patched.setattr(motion_stop, '_FRONT_PERIODS', 1_000_000)
+            patched.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
             runtime.call(stop.hold)
             wait_until(lambda: len(robot.commands) > 5, 'zero velocity meanwhile')
             wait_until(lambda: robot.asked, 'the cancel')
@@ -159,6 +168,44 @@ def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot:
         another = runtime.call(lambda: links.link(CancelGoal, 'follow_path/_action/cancel_goal'))
         wait_until(lambda: service_outcome(another, CancelGoal.Request(), 2.0).ok, 'an answer to what is asked later')
         assert FRONT not in robot.asked
+
+
+def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """opennav_docking sends a goal that was canceled by somebody else once more, but while it is canceled itself."""
+    monkeypatch.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
+    with NodeRuntime.open('robot') as robot, NodeRuntime.open('executive') as runtime:
+        navigate = ActionLinks(robot).link(NavigateToPose, names.NAVIGATE_TO_POSE)
+
+        async def dock(handle: ServerGoalHandle) -> Any:
+            for _ in range(2):
+                ended = Future(executor=robot.node.executor)
+
+                def done(outcome: GoalOutcome, ended: Future = ended) -> None:
+                    ended.set_result(outcome)
+
+                ActionCall(navigate, NavigateToPose.Goal(), on_done=done)
+                assert (await ended).status is GoalStatus.CANCELED
+                if handle.is_cancel_requested:
+                    break
+            handle.canceled()
+            return DockRobot.Result()
+
+        driver = ScriptedActionServer(robot, NavigateToPose, names.NAVIGATE_TO_POSE)
+        ScriptedActionServer(robot, DockRobot, names.DOCK_ROBOT, dock)
+        stop = runtime.call(
+            lambda: MotionStop(
+                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+            )
+        )
+        wait_until(lambda: len(runtime.call(stop._servers)) == 2, 'both servers')
+        docking = ActionLinks(runtime).link(DockRobot, names.DOCK_ROBOT)
+        for count, ask in enumerate((stop.cancel_others, stop.hold), 1):
+            goal = SentGoal(docking, DockRobot.Goal())
+            wait_until(lambda: driver.running, 'the goal of the docking server')
+            runtime.call(ask)
+            assert goal.wait().status is GoalStatus.CANCELED
+            assert len(driver.goals) == count, 'the robot was sent off again'
+            runtime.call(stop.release)
 
 
 def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from flexbt_common import names
@@ -13,6 +12,7 @@ from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding
 from flexbt_core.behavior_tree import BlackboardError
+from flexbt_core.clock import WorkThread
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtGetData, BtSetData
@@ -30,7 +30,7 @@ class DataServers:
         self,
         runtime: NodeRuntime,
         boards: Blackboards,
-        reader: ThreadPoolExecutor,
+        reader: WorkThread,
         on_write: Callable[[str], None],
         admission: GoalAdmission,
     ) -> None:
@@ -77,7 +77,7 @@ class DataServers:
                 else:
                     goal.abort(result)
 
-            self._reader.submit(work)
+            self._reader.submit(work, 'a goal for a blackboard was not done')
 
         return serve
 

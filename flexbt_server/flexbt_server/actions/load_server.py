@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import WorkThread
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
@@ -26,9 +26,7 @@ ERRORS_SHOWN: Final = 20
 class LoadServer:
     """Serves BtLoad. Files are read on the thread of ``reader``, one goal after the other."""
 
-    def __init__(
-        self, runtime: NodeRuntime, store: TreeStore, reader: ThreadPoolExecutor, admission: GoalAdmission
-    ) -> None:
+    def __init__(self, runtime: NodeRuntime, store: TreeStore, reader: WorkThread, admission: GoalAdmission) -> None:
         self._runtime = runtime
         self._store = store
         self._reader = reader
@@ -65,7 +63,7 @@ class LoadServer:
             else:
                 self._runtime.post(lambda: _finish(goal, reports))
 
-        self._reader.submit(work)
+        self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
 
     def _abort(self, goal: ServedGoal, fault: Exception) -> None:
         """A fault of ours goes to the client as well."""

@@ -4,6 +4,7 @@
 from .progress import Speed, distance_along, distance_left, seconds_left
 from .running_trees import RunningTree, TreeGoal
 from .tree_goals import MESSAGE_LIMIT, RunParameters, TreeGoals
+from .tree_reader import tree_reader
 
 __all__ = [
     'MESSAGE_LIMIT',
@@ -15,4 +16,5 @@ __all__ = [
     'distance_along',
     'distance_left',
     'seconds_left',
+    'tree_reader',
 ]

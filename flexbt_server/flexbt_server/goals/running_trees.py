@@ -28,7 +28,7 @@ class TreeGoal(ABC):
     ``served`` is the goal as the action server has it, ``action`` the name of its action; ``tree`` is the tree that it
     names, by ID or file, ``blackboard`` that on which the tree runs, ``owner`` the node that has to be alive meanwhile,
     if any. ``running`` is set once a tree runs for it, or is asked to; ``stop_reason`` once it is to stop.
-    ``on_ended`` is called when the result was sent.
+    ``leave_queue`` takes it back from the thread that reads files; ``on_ended`` is called when the result was sent.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class TreeGoal(ABC):
         self.tree = tree
         self.blackboard = blackboard
         self.owner = owner
+        self.leave_queue: Callable[[], None] = lambda: None
         self.on_ended: Callable[[], None] = lambda: None
         self.stop_reason: str | None = None
         self.notice = ''

@@ -6,19 +6,16 @@ All of this happens on the executor thread; runs and file reading have threads o
 
 from __future__ import annotations
 
-import contextlib
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.calls import ServedGoal
-from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import Hang, NodeRuntime
 from flexbt_core.behavior_tree import TickCommand
-from flexbt_core.clock import told_when_late
+from flexbt_core.clock import WorkThread
 from flexbt_core.errors import FlexbtError
 from flexbt_core.monitors import Monitoring
 from flexbt_core.values import sendable, shown
@@ -38,12 +35,6 @@ MESSAGE_LIMIT: Final = 10_000
 RETURN_SECONDS: Final = 3.5
 """How long trees are held after the process was stopped, s of wall time: until it has found the others again, and they
 have said what they want. By default, Fast DDS sends again after 3 s what was lost in full queues."""
-
-READ_SECONDS: Final = 5.0
-"""The server is not ready while it takes longer than this to find the tree of a goal, s: its disk may not answer."""
-
-_FILES: Final = 'files'
-"""The part of the server that is not ready then."""
 
 _REPORT_SECONDS: Final = 0.3
 """A run that has not halted in time says so a little later, s."""
@@ -92,7 +83,7 @@ class TreeGoals:
         store: TreeStore,
         boards: Blackboards,
         services: LeafServices,
-        reader: ThreadPoolExecutor,
+        reader: WorkThread,
         watchers: Sequence[RunWatcher] = (),
     ) -> None:
         self._runtime = runtime
@@ -110,7 +101,6 @@ class TreeGoals:
         self._no_goals = threading.Event()
         self._no_goals.set()
         self._returned = ''
-        self._token = LivelinessToken(runtime)
         runtime.health.on_hang(self._after_hang)
 
     @property
@@ -213,10 +203,11 @@ class TreeGoals:
 
     def _look_for_tree(self, goal: TreeGoal) -> None:
         def read() -> None:
+            if not goal.served.active:
+                return  # it was stopped before its turn
             try:
-                with self._told_when_stuck(goal.tree):
-                    values = goal.read()
-                    found = self._store.find(goal.tree)
+                values = goal.read()
+                found = self._store.find(goal.tree)
             except FlexbtError as error:
                 reason = str(error)
                 self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, reason)))
@@ -226,25 +217,7 @@ class TreeGoals:
             else:
                 self._runtime.post(lambda: self.guard(goal, lambda: self._found(goal, found, values)))
 
-        self._reader.submit(read)
-
-    @contextlib.contextmanager
-    def _told_when_stuck(self, tree: str) -> Iterator[None]:
-        is_stuck = False
-
-        def tell() -> None:
-            nonlocal is_stuck
-            is_stuck = True
-            why = f'tree {shown(tree)} was not read within {READ_SECONDS:g} s, goals wait: does the disk answer?'
-            self._runtime.node.get_logger().warning(why)
-            self._token.set_ready(False, _FILES, why)
-
-        try:
-            with told_when_late(self._runtime.steady, READ_SECONDS, tell):
-                yield
-        finally:
-            if is_stuck:
-                self._token.set_ready(True, _FILES)
+        goal.leave_queue = self._reader.submit(read, f'tree {shown(goal.tree)} was not read')
 
     def guard(self, goal: TreeGoal, step: Callable[[], None]) -> None:
         """Take a step with a goal; when it raises, the goal ends: the machine may be out of threads or files."""
@@ -372,6 +345,7 @@ class TreeGoals:
             goal.served.canceled(result)
         else:
             goal.served.abort(result)
+        goal.leave_queue()
         self.owners.release(goal.owner, goal)
         del self._goals[goal.served.id]
         if not self._goals:

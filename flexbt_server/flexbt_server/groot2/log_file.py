@@ -42,8 +42,9 @@ class LogWriter:
     """Writes the transitions of one run into a file.
 
     The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
-    given, in order, at once or on another thread; it may give a text instead: why it does not. That, and an error of
-    the file system, is told to ``on_error``, once, and ends the log.
+    given, in order, at once or on another thread; it may give a text instead: why it does not. That is told to
+    ``on_error`` and ends the log, of which what was handed over before is written all the same. So does an error of the
+    file system, after which nothing is written.
     """
 
     def __init__(
@@ -65,8 +66,9 @@ class LogWriter:
         self._write = write
         self._on_error = on_error
         self._reader = log_reader(tree.nodes, _change)
-        self._ended = len(tree.nodes) > protocol.MAX_UID
-        if self._ended:
+        self._takes_no_more = len(tree.nodes) > protocol.MAX_UID
+        self._has_failed = False
+        if self._takes_no_more:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
         else:
             header = _header(tree, epoch)  # at once: when it is written the tree may have other nodes
@@ -75,7 +77,7 @@ class LogWriter:
     def flush(self) -> None:
         """Hands over what was logged. On the thread that ticks the tree."""
         marks = self._log.take()
-        if marks and not self._ended:
+        if marks and not self._takes_no_more:
             self._hand_over(lambda: self._store('ab', self._records(marks)))
 
     def _hand_over(self, step: Step) -> None:
@@ -84,7 +86,7 @@ class LogWriter:
             self._end(refusal)
 
     def _end(self, why: object) -> None:
-        self._ended = True
+        self._takes_no_more = True
         self._on_error(f'{self._path}: the log of this run ends here: {why}')
 
     def _records(self, marks: list[int]) -> bytes:
@@ -95,12 +97,13 @@ class LogWriter:
         )
 
     def _store(self, mode: str, data: bytes) -> None:
-        if self._ended:
+        if self._has_failed:
             return
         try:
             with self._path.open(mode) as file:
                 file.write(data)
         except OSError as error:
+            self._has_failed = True
             self._end(error)
 
 

@@ -8,7 +8,6 @@ topics ``tree_structure`` and ``tree_status``, service ``control_tree``.
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ThreadPoolExecutor, wait
 
 from geometry_msgs.msg import PoseStamped
 
@@ -22,7 +21,7 @@ from flexbt_core.behavior_tree.model import acceleration
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
-from flexbt_server.goals import TreeGoals
+from flexbt_server.goals import TreeGoals, tree_reader
 from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCaches, TriggerServices
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
@@ -84,8 +83,7 @@ class BtServer:
             start_timeout=parameters.start_timeout,
             goal_reached_tol=parameters.goal_reached_tol,
         )
-        reader = self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix='tree_reader')
-        runtime.on_close(lambda: reader.shutdown(wait=False, cancel_futures=True))
+        reader = self._reader = runtime.call(lambda: tree_reader(runtime))
         admission = self._admission = GoalAdmission('the BT server', refusal)
 
         watchers = self._watchers(runtime, parameters, RosJsonTypes(registry.json_types))
@@ -120,10 +118,10 @@ class BtServer:
             BtServerError: something did not halt in this time.
         """
         is_at_rest = self._stop(why, refusal, within)
-        *_, unread = wait([self._reader.submit(lambda: None)], within)
-        if unread or not is_at_rest:
+        is_read = self._reader.is_done_within(within)
+        if not (is_read and is_at_rest):
             raise BtServerError(
-                f'{"a file is being read" if unread else "a tree is running"} {within:g} s after the stop'
+                f'{"a tree is running" if is_read else "a file is being read"} {within:g} s after the stop'
             )
         self._log(f'the BT server {refusal}')
 

@@ -7,17 +7,15 @@ A file has the nodes with which it begins: a run that gets others goes on in ano
 from __future__ import annotations
 
 import re
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
-from flexbt_core.clock import told_when_late
+from flexbt_core.clock import WorkThread
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2 import SUFFIX, LogBuffer, LogWriter
 
@@ -29,7 +27,7 @@ _UNFIT: Final = re.compile(r'[^\w.-]')
 _NAME_LIMIT: Final = 80
 
 MOST_WAITING: Final = 10_000
-"""Rounds of ticks that wait for the disk, at most: the log of a run that has more ends."""
+"""Rounds of ticks of all runs that wait for the disk, at most: the log of a run that has one more ends."""
 
 STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for one of them is told."""
@@ -48,11 +46,14 @@ class RunLogs:
             raise ServerParameterError(f"parameter 'btlog_directory': {directory}: {error.strerror}") from error
         self._directory = directory
         self._keep = keep
-        self._steady = runtime.steady
         self._error = runtime.node.get_logger().error
-        self._waiting = 0
-        self._lock = threading.Lock()
-        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='btlog')
+        self._writer = WorkThread(
+            'btlog',
+            runtime.steady,
+            STUCK_SECONDS,
+            self._tell_stuck,
+            lambda error: runtime.report_fault(error, 'the thread that writes the logs of trees'),
+        )
         runtime.on_close(self._close)
 
     def open(self, run_id: str, shown: TreeObserver) -> RunWatch:
@@ -71,33 +72,26 @@ class RunLogs:
 
     def _write(self, step: Callable[[], None]) -> str:
         """Have a step done; gives why it is not, or ''."""
-        with self._lock:
-            if self._waiting >= MOST_WAITING:
-                return f'the disk does not answer, and {MOST_WAITING} rounds wait for it'
-            self._waiting += 1
-        self._writer.submit(self._do, step)
+        if self._writer.waiting >= MOST_WAITING:
+            return f'the disk does not answer, and {MOST_WAITING} rounds wait for it'
+        self._writer.submit(step, str(self._directory))
         return ''
 
-    def _do(self, step: Callable[[], None]) -> None:
-        try:
-            with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
-                step()
-        finally:
-            with self._lock:
-                self._waiting -= 1
-
-    def _tell_stuck(self) -> None:
-        self._error(
-            f'{self._directory}: nothing has been written for {STUCK_SECONDS:g} s, the disk does not answer; the logs '
-            f'of trees wait for it, up to {MOST_WAITING} rounds'
-        )
+    def _tell_stuck(self, directory: str) -> None:
+        if directory:
+            self._error(
+                f'{directory}: nothing has been written for {STUCK_SECONDS:g} s, the disk does not answer; the logs of '
+                f'trees wait for it, up to {MOST_WAITING} rounds'
+            )
 
     def _close(self) -> None:
         """Have what waits written, for a limited time."""
-        is_done = threading.Event()
-        self._writer.submit(is_done.set)
-        is_done.wait(_CLOSE_SECONDS)
-        self._writer.shutdown(wait=False, cancel_futures=True)
+        if not self._writer.is_done_within(_CLOSE_SECONDS):
+            self._error(
+                f'{self._directory}: the disk has not written the logs of trees within {_CLOSE_SECONDS:g} s of the '
+                'end; their last rounds are missing'
+            )
+        self._writer.close()
 
     def _prune(self) -> None:
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -170,14 +171,20 @@ def test_a_disk_that_hangs_is_told_and_holds_up_no_tree(
         return text in told
 
     with open_world(btlog_directory=str(tmp_path)) as world:
-        world.client.load_tree(BODY, 'Logged')
-        for _ in range(6):
-            assert world.client.execute('Logged').wait().status is GoalStatus.SUCCEEDED
+        world.client.load_tree('<Repeat num_cycles="20"><Sleep msec="1"/></Repeat>', 'Long')
+        for _ in range(2):
+            assert world.client.execute('Long').wait().status is GoalStatus.SUCCEEDED
         assert hangs.is_set()
         ends = f'the log of this run ends here: the disk does not answer, and {run_logs.MOST_WAITING}'
         for text in ('the disk does not answer; the logs of trees wait', ends):
             wait_until(functools.partial(is_told, text), text)
+        writers = [thread for thread in threading.enumerate() if thread.name == 'btlog']
+        assert writers and all(thread.daemon for thread in writers), 'the end of the process does not wait for the disk'
+        refused = re.search(r'(\S+): the log of this run ends here', told)
         goes.set()
+    assert refused
+    log = read_log(Path(refused[1]))
+    assert log.transitions and not log.left_over, 'what had waited was written'
 
 
 def test_parameters_that_cannot_work_are_refused(tmp_path: Path) -> None:

@@ -12,18 +12,18 @@ import random
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
+from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import tree_goals
+from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.trees import FoundTree, TreeStore
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world
+from flexbt_testing.nodes.server_world import DEADLINE, World, document, install_nodes, open_world
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
@@ -82,29 +82,52 @@ def test_a_cancel_at_any_moment_leaves_no_leaf_running(world: World) -> None:
     assert slowest < 2.0
 
 
-def test_a_goal_is_canceled_while_its_tree_is_read_from_a_disk_that_hangs(
+def test_goals_are_canceled_while_trees_are_read_from_a_disk_that_hangs(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     goes, hangs = threading.Event(), threading.Event()
-    find = TreeStore.find
+    find, load = TreeStore.find, TreeStore.load
 
-    def hang(store: TreeStore, name: str) -> FoundTree:
+    def wait_for_disk() -> None:
         hangs.set()
         assert goes.wait(60.0)
+
+    def hanging_find(store: TreeStore, name: str) -> FoundTree:
+        wait_for_disk()
         return find(store, name)
 
-    monkeypatch.setattr(tree_goals, 'READ_SECONDS', 0.1)
+    def hanging_load(store: TreeStore, *arguments: Any) -> Any:
+        wait_for_disk()
+        return load(store, *arguments)
+
+    reader = world.server._reader
+    reader._seconds = 0.1
     watch = LivelinessWatch(world.client.runtime, 'bt_server')
     LivelinessToken(world.server_runtime).set_ready(True)
     world.client.load_tree('<Runs ms="60000"/>')
-    monkeypatch.setattr(TreeStore, 'find', hang)
+    monkeypatch.setattr(TreeStore, 'find', hanging_find)
     goal = world.client.execute()
     assert hangs.wait(DEADLINE)
-    wait_until(lambda: 'does the disk answer?' in watch.problem, 'why the server is not ready')
-    goal.call.cancel(DEADLINE)
-    assert goal.wait().status is GoalStatus.CANCELED
-    later = world.client.execute()
+    wait_until(lambda: "tree 'Main' was not read" in watch.problem, 'why the server is not ready')
+    waits = world.client.execute()
+    wait_until(lambda: reader.waiting == 1, 'the goal that waits for its turn')
+    for each in (goal, waits):
+        each.call.cancel(DEADLINE)
+        assert each.wait().status is GoalStatus.CANCELED
+    assert reader.waiting == 0, 'nothing is kept of a goal that has ended'
     goes.set()
+    wait_until(lambda: watch.ready, 'that the disk answers')
+
+    # It may hang for another one of those whom the thread serves.
+    for event in (goes, hangs):
+        event.clear()
+    monkeypatch.setattr(TreeStore, 'load', hanging_load)
+    loading = SentGoal(world.client.loader, BtLoad.Goal(xml=document('<Runs ms="1"/>', 'Other')))
+    assert hangs.wait(DEADLINE)
+    later = world.client.execute()
+    wait_until(lambda: names.BT_LOADER in watch.problem, 'why the server is not ready')
+    goes.set()
+    assert loading.result.code == BtLoad.Result.SUCCESS
     wait_until(lambda: len(tree_threads()) == 1 and watch.ready, 'the tree of the other goal')
     later.call.cancel(DEADLINE)
     assert later.wait().status is GoalStatus.CANCELED
