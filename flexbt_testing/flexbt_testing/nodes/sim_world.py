@@ -43,7 +43,7 @@ from flexbt_sim.simulator import Simulator
 T = TypeVar('T')
 
 DEADLINE = 60.0
-POSE_BYTES = 2_000
+MESSAGE_BYTES = 2_000
 
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""
@@ -110,16 +110,17 @@ class Probe:
         self.runtime = runtime
         self.links = ActionLinks(runtime)
         self.services = ServiceLinks(runtime)
-        self.changed = threading.Condition()
+        self._seen = threading.Event()
         self.sightings: list[Sighting] = []
         self.commands: list[tuple[float, float]] = []
 
         def connect() -> None:
             node = runtime.node
             # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
-            ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=100), self._on_pose, POSE_BYTES)
+            qos = QoSProfile(depth=100)
+            self._poses = ReceivedMessages(node, PoseStamped, names.POSE, qos, self._on_pose, MESSAGE_BYTES)
             if hears_commands:
-                node.create_subscription(Twist, names.CMD_VEL, self._on_command, 100)
+                ReceivedMessages(node, Twist, names.CMD_VEL, qos, self._on_command, MESSAGE_BYTES)
             self._drive = node.create_publisher(Twist, names.CMD_VEL, 1)
             self._places = node.create_publisher(PoseWithCovarianceStamped, names.INITIAL_POSE, 1)
 
@@ -128,27 +129,28 @@ class Probe:
     def _on_pose(self, received: Received) -> None:
         message: PoseStamped = received.unpack(PoseStamped)
         x, y, yaw = pose_of(message.pose)
-        with self.changed:
-            self.sightings.append(Sighting(Time.from_msg(message.header.stamp).nanoseconds * 1e-9, x, y, yaw))
-            self.changed.notify_all()
+        self.sightings.append(Sighting(Time.from_msg(message.header.stamp).nanoseconds * 1e-9, x, y, yaw))
+        self._seen.set()
 
-    def _on_command(self, message: Twist) -> None:
-        with self.changed:
-            self.commands.append((message.linear.x, message.angular.z))
-            self.changed.notify_all()
+    def _on_command(self, received: Received) -> None:
+        message: Twist = received.unpack(Twist)
+        self.commands.append((message.linear.x, message.angular.z))
+        self._seen.set()
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
         """The first true value of a condition; it is asked whenever something is seen, and now and then."""
         end = time.monotonic() + timeout
-        with self.changed:
-            while not (value := condition()):
-                assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last seen: {self.sightings[-1:]}'
-                self.changed.wait(0.02)
-            return value
+        self._seen.clear()
+        while not (value := condition()):
+            assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last seen: {self.sightings[-1:]}'
+            self._seen.wait(0.02)
+            self._seen.clear()  # before the next look, so that nothing is missed that comes after it
+        return value
 
     @property
     def now(self) -> Sighting:
-        """The last sighting."""
+        """The last sighting of all that have come by now, so that a rest before is not taken for one after it."""
+        self.runtime.call(self._poses.take)
         self.wait(lambda: self.sightings, 'a pose of the robot')
         return self.sightings[-1]
 
@@ -168,9 +170,8 @@ class Probe:
         """The first sighting of the robot at rest, once it has been for 0.3 s."""
         since = self.now.time + 0.3
         self.wait(lambda: self.sightings[-1].time > since and not self.moving(0.3), 'the robot at rest')
-        with self.changed:
-            last = self.sightings[-1]
-            return list(takewhile(lambda seen: seen[1:] == last[1:], reversed(self.sightings)))[-1]
+        last = self.sightings[-1]
+        return list(takewhile(lambda seen: seen[1:] == last[1:], reversed(self.sightings)))[-1]
 
     def wait_driving(self, speed: float = 0.2) -> Sighting:
         """The first sighting, from now on, of the robot at a speed, m/s."""

@@ -9,11 +9,12 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from geometry_msgs.msg import PoseStamped
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
@@ -21,6 +22,8 @@ from ..nodes.operator import Operator
 from ..waiting import DEADLINE, uncontended_time, wait_until
 
 T = TypeVar('T')
+
+POSE_BYTES = 2_000
 
 
 class Probe(Operator):
@@ -30,21 +33,21 @@ class Probe(Operator):
         super().__init__(runtime, 'test')
         self._links = ActionLinks(runtime)
         self._services = ServiceLinks(runtime)
-        self._changed = threading.Condition()
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
         """The uncontended time when the last movement was seen, s."""
         self.moved_stamp = 0.0
         """The time of the pose that showed the last movement, s on the robot's clock."""
-        runtime.call(lambda: runtime.node.create_subscription(PoseStamped, names.POSE, self._on_pose, 10))
+        qos = QoSProfile(depth=100)
+        # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
+        runtime.call(lambda: ReceivedMessages(runtime.node, PoseStamped, names.POSE, qos, self._on_pose, POSE_BYTES))
 
-    def _on_pose(self, pose: PoseStamped) -> None:
-        with self._changed:
-            if self.pose is not None and _differ(self.pose, pose):
-                self.moved_at = uncontended_time()
-                self.moved_stamp = stamp(pose)
-            self.pose = pose
-            self._changed.notify_all()
+    def _on_pose(self, received: Received) -> None:
+        pose: PoseStamped = received.unpack(PoseStamped)
+        if self.pose is not None and _differ(self.pose, pose):
+            self.moved_at = uncontended_time()
+            self.moved_stamp = stamp(pose)
+        self.pose = pose
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
         """The first true value of the condition; fails with ``what`` when there is none in time."""
@@ -139,14 +142,8 @@ class Probe(Operator):
 
         seen: list[GoalStatusArray] = []
         topic = f'{action}/_action/status'
-
-        def on_list(listed: GoalStatusArray) -> None:
-            with self._changed:
-                seen.append(listed)
-                self._changed.notify_all()
-
         subscription = self.console.call(
-            lambda: self.console.node.create_subscription(GoalStatusArray, topic, on_list, names.latched())
+            lambda: self.console.node.create_subscription(GoalStatusArray, topic, seen.append, names.latched())
         )
         self.wait(lambda: bool(seen), f'list of goals of {action}')
         self.console.call(lambda: self.console.node.destroy_subscription(subscription))
