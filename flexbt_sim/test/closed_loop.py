@@ -31,9 +31,9 @@ class Run:
     robot has run into anything. Times in s.
     """
 
-    def __init__(self, grid: OccupancyMap, start: Pose) -> None:
+    def __init__(self, grid: OccupancyMap, start: Pose, model: RobotModel = MODEL) -> None:
         self.world = World(grid)
-        self.robot: Robot = self.world.add('robot', MODEL, start)
+        self.robot: Robot = self.world.add('robot', model, start)
         self.code = ''
         self.commands: list[Velocity] = []
         self.poses: list[Pose] = []

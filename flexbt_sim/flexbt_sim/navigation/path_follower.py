@@ -32,7 +32,8 @@ HELD_UP: Final = 0.5
 controller."""
 
 END_OF_LEG: Final = 0.02
-"""Distance, m, from where a car changes direction, or from the end, at which it is there."""
+"""Distance, m, from where a car changes direction, or from the end, at which it is there; and from the goal, at which
+another robot is when its last turn would have collided before."""
 
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
@@ -56,7 +57,8 @@ class FollowerLimits:
     The look-ahead distance is ``lookahead_time`` of driving, within its bounds. Within ``approach_distance`` of the end
     the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
     less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
-    A turn of more than ``rotate_angle`` is made on the spot. No progress means less than
+    A turn of more than ``rotate_angle`` is made on the spot. Where the last one, to the heading of the goal, would
+    collide within ``xy_tolerance`` of the goal, it is made at the goal. No progress means less than
     ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
@@ -186,9 +188,9 @@ class PathFollower:
         self._costmap = costmap
         self._limits = limits
         self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
-        self._circles = CircleChecker(limits.progress_distance)
+        self._circles, self._tolerance = CircleChecker(limits.progress_distance), limits.xy_tolerance
         if before is not None and before._given[0] == self._given[0]:
-            self._circles = before._circles
+            self._circles, self._tolerance = before._circles, before._tolerance
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
         self._has_begun = False
@@ -222,16 +224,16 @@ class PathFollower:
         self._left = math.dist(pose[:2], self._track.point(self._at)) + left
         self.distance_to_goal = self._left + sum(leg.track.length for leg in self._legs[1:])
         near_end = left <= 2.0 * limits.xy_tolerance and len(self._legs) == 1
-        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= limits.xy_tolerance)
+        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= self._tolerance)
         if self._is_close and left > END_OF_LEG and abs(wrap(self._goal.yaw - pose.yaw)) > limits.yaw_tolerance:
             self._at_goal = False  # its heading is that of the goal at the end only
         self.progress.check(pose, now, self._at_goal)
         if limits.turning_radius:
             self._circles.check(pose.yaw, self.distance_to_goal)
         if self._at_goal:
-            self.speed = 0.0
             angle = wrap(self._goal.yaw - pose.yaw)
             if abs(angle) <= limits.yaw_tolerance:
+                self.speed = 0.0
                 return None
             if limits.turning_radius:
                 raise NavigationError(
@@ -239,13 +241,11 @@ class PathFollower:
                     f'the robot is at the goal, {math.degrees(abs(angle)):.0f} degrees off its heading, and cannot '
                     'turn on the spot: give a goal with another heading, or a greater yaw_goal_tolerance',
                 )
-            turn = self._turn_by(angle)
-            seconds = min(limits.collision_time, abs(angle / turn.angular))
-            velocity = (
-                None
-                if collides(self._costmap, pose, turn, seconds)
-                else self._apart.limited(self._costmap, pose, turn, now)
-            )
+            velocity = self._last_turn(angle, pose, now)
+            if velocity is None and pose.distance(self._goal) > END_OF_LEG:
+                # There may be room at the goal itself: from now on nothing less will do.
+                self._at_goal, self._tolerance = False, END_OF_LEG
+                velocity = self._pursue(pose, now)
         elif self._is_close and len(self._legs) == 1 and left <= END_OF_LEG:
             raise NavigationError(
                 'NO_VALID_CONTROL',
@@ -260,6 +260,14 @@ class PathFollower:
             self._blocked_since = None
         self.speed = velocity.linear
         return velocity
+
+    def _last_turn(self, angle: float, pose: Pose, now: float) -> Velocity | None:
+        """To the heading of the goal; None where it would collide."""
+        turn = self._turn_by(angle)
+        seconds = min(self._limits.collision_time, abs(angle / turn.angular))
+        if collides(self._costmap, pose, turn, seconds):
+            return None
+        return self._apart.limited(self._costmap, pose, turn, now)
 
     def _move(self, drifted: Pose) -> None:
         if drifted != self._drifted:

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy
 import pytest
-from closed_loop import FOLLOWER, PERIOD, RADIUS, ROLLING, Run, assert_arrived, check_following, run
+from closed_loop import FOLLOWER, MODEL, PERIOD, RADIUS, ROLLING, Run, assert_arrived, check_following, run
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, free_places, worlds
@@ -26,7 +26,7 @@ from flexbt_sim.navigation import (
     Steering,
     planner_for,
 )
-from flexbt_sim.navigation.path_follower import HELD_UP
+from flexbt_sim.navigation.path_follower import END_OF_LEG, HELD_UP
 from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, box, compose, wrap
 
 OPEN = drawn(*['.' * 160] * 120)
@@ -205,6 +205,24 @@ def test_patience_at_the_goal_begins_anew_after_it_could_turn() -> None:
     with pytest.raises(NavigationError) as raised:
         motion.step(here, 1.4)
     assert raised.value.code == 'PATIENCE_EXCEEDED'
+
+
+PASSAGE = drawn(*['#' * 60 + '.' * 40] * 55, *['.' * 100] * 10, *['#' * 60 + '.' * 40] * 55)
+"""It leads into the open at x = 3, 25 cm on each side of y = 3."""
+
+
+def test_who_has_no_room_to_turn_near_the_goal_turns_at_the_goal() -> None:
+    cart = replace(MODEL, footprint=box(0.6, 0.4))
+    start, goal = Pose(2.9, 3.0, 0.0), Pose(3.32, 3.0, 3.0)
+    costmap = Costmap(PASSAGE, Inflation.of(cart.footprint))
+    path = line(start[:2], goal[:2], yaw=goal.yaw)
+    done = Run(PASSAGE, start, cart).go(PathFollower(path, costmap, FOLLOWER))
+    assert_arrived(done, goal)
+    assert done.robot.pose.distance(goal) <= END_OF_LEG + ROLLING
+    nowhere = goal._replace(x=3.2)
+    done = Run(PASSAGE, start, cart).go(PathFollower(line(start[:2], nowhere[:2], yaw=goal.yaw), costmap, FOLLOWER))
+    assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
+    assert done.robot.pose.distance(nowhere) <= END_OF_LEG + ROLLING
 
 
 def test_beside_the_map_there_is_no_way() -> None:
