@@ -16,7 +16,7 @@ from flexbt_common.runtime import NodeRuntime
 
 T = TypeVar('T')
 
-_SECONDS = 20.0
+_SECONDS = 60.0
 _REPEAT_SECONDS = 2.0
 
 
