@@ -26,7 +26,7 @@ class WorkThread:
         clock: Clock,
         seconds: float,
         on_late: Callable[[str], object],
-        on_fault: Callable[[Exception], object],
+        on_fault: Callable[[BaseException], object],
     ) -> None:
         self._clock = clock
         self._seconds = seconds
@@ -93,7 +93,7 @@ class WorkThread:
         try:
             with told_when_late(self._clock, self._seconds, late):
                 work()
-        except Exception as error:
+        except BaseException as error:  # SystemExit too: nobody else does the work
             self._on_fault(error)
         finally:
             if is_late:

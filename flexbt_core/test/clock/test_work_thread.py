@@ -23,7 +23,7 @@ class Unwanted:
 def test_work_is_done_in_order_late_work_is_told_and_what_was_taken_back_is_let_go() -> None:
     clock = ManualClock()
     told: SimpleQueue[str] = SimpleQueue()
-    faults: list[Exception] = []
+    faults: list[BaseException] = []
     done: list[str] = []
     hangs, goes, kept = threading.Event(), threading.Event(), Unwanted()
     worker = WorkThread('worker', clock, 2.0, told.put, faults.append)
@@ -34,7 +34,7 @@ def test_work_is_done_in_order_late_work_is_told_and_what_was_taken_back_is_let_
         done.append('hung')
 
     def raises() -> None:
-        raise ValueError('of the work')
+        raise SystemExit('of the work')
 
     worker.submit(hang, 'a file was not read')
     assert hangs.wait(DEADLINE)

@@ -26,7 +26,7 @@ def tree_reader(runtime: NodeRuntime) -> WorkThread:
             runtime.node.get_logger().warning(why)
         token.set_ready(not why, _FILES, why)
 
-    def fault(error: Exception) -> None:
+    def fault(error: BaseException) -> None:
         runtime.report_fault(error, 'the thread that reads trees')
 
     reader = WorkThread('tree_reader', runtime.steady, READ_SECONDS, late, fault)
