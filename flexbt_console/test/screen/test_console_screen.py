@@ -9,6 +9,7 @@ import os
 import random
 import re
 from collections.abc import Awaitable, Callable
+from importlib.resources import files
 
 import pytest
 from rich.cells import set_cell_size, split_graphemes
@@ -790,6 +791,27 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
             assert all(terminal.shows(pane) for pane in app.query(Pane) if pane.display), name
 
     on_screen(robot, steps, size)
+
+
+def test_a_key_of_the_page_in_the_browser_means_the_same_on_the_screen() -> None:
+    page = (files('flexbt_console') / 'ui' / 'web' / 'page' / 'commands.js').read_text(encoding='utf-8')
+    body = page.partition('const actions = {')[2].partition('\n    };')[0]
+    found = re.findall(r"(?:'(\S)'|(\w+)): (?:\w+ \? null : )?\(\) => (.+?\)),", body)
+    actions = {sign or name: re.findall(r'\w+', call)[-1] for sign, name, call in found}
+    named = {'type': 'command_line', 'focus': 'point'}
+    of_screen = {shown: key.action for key in KEYS for shown in key.shown.split()} | {'/': 'command_line'}
+    assert len(actions) >= 13
+    for key, action in actions.items():
+        assert named.get(action, action) == of_screen[key], key
+    told = re.sub(r"' \+\s+'", '', page).partition("'Keys: ! or F8 stop, ")[2].partition(' this help.')[0]
+    assert {text.split()[0] for text in told.split(', ')} == actions.keys() - {'!', '/'} | {'1-9'}
+
+
+def test_a_lock_has_a_refusal_of_its_own() -> None:
+    robot = Robot()
+    lock = next(key for key in KEYS if key.action == 'lock')
+    robot.show(active_states=(ActiveState('/'),))
+    assert lock.blocked(robot.mirror.view()) == 'nothing that is active can be locked'
 
 
 @pytest.mark.parametrize('size', [(80, 24), (30, 8)])

@@ -63,7 +63,7 @@ def _is_active(view: View) -> str:
 
 
 def _is_lockable(view: View) -> str:
-    return '' if view.lockable_paths else 'no state is active'
+    return '' if view.lockable_paths else 'nothing that is active can be locked'
 
 
 _OF_DECISION: Final = (

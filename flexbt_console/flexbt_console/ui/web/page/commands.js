@@ -48,13 +48,14 @@ export class Commands {
 
   lock() {
     const {active, status} = this.now();
-    this.atState('keep a state or container from being left', active.lockable, 'lock', 'unlock', status?.locked ?? []);
+    this.atState('keep a state or container from being left', active.lockable, 'lock', 'unlock', status?.locked ?? [],
+      'nothing that is active can be locked');
   }
 
   // Of several states that can be meant, one is chosen.
-  atState(title, paths, verb, undo, done) {
+  atState(title, paths, verb, undo, done, none = 'no state is active') {
     const lines = paths.map((path) => `${done.includes(path) ? undo : verb} ${word(path)}`);
-    if (!lines.length) this.tell('no state is active', 'warning');
+    if (!lines.length) this.tell(none, 'warning');
     else if (lines.length === 1) this.do(lines[0]);
     else this.read(title, this.list(lines.map((line) => [line, line])));
   }
