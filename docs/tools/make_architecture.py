@@ -29,6 +29,7 @@ and its `__init__.py` is its front door.
 
 A package may import those that are below it, and none beside it in the same row.
 """
+ON_LAYERS: Final = 'Layers are numbered from the top: a room imports only from lower ones, and from none beside it.'
 
 
 def summary(package: Path) -> str:
@@ -68,6 +69,8 @@ def contract(rule: dict[str, Any]) -> Iterator[str]:
     if rule['type'] == 'forbidden':
         yield f'  - {_names(rule["source_modules"])}'
         yield f'  - must not import {_names(rule["forbidden_modules"])}'
+    elif rule['type'] == 'layers' and '.' in rule['layers'][-1]:  # those of the packages are drawn
+        yield from (f'  {place}. {_names(layer.split(" | "))}' for place, layer in enumerate(rule['layers'], 1))
 
 
 def _names(names: list[str]) -> str:
@@ -84,7 +87,7 @@ def page() -> str:
         for rule in contracts
         if rule['type'] == 'layers' and not rule.get('containers') and set(packages) >= {rule['layers'][-1]}
     ]
-    lines = [HEAD, *diagram(layers), '', '## Contracts', '']
+    lines = [HEAD, *diagram(layers), '', '## Contracts', '', ON_LAYERS, '']
     for rule in contracts:
         lines += contract(rule)
     lines += ['', '## Rooms', '']
