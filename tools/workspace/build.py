@@ -60,14 +60,17 @@ class Build:
         wanted = {package.name: self._fingerprint(package) for package in packages}
         state = read_stamp(self._stamp)
         built: dict[str, Fingerprint] = dict(state.get('packages', {}))
-        spoilt: set[str] = set(state.get('building', []))  # a killed compiler may have left half a file with a new date
+        # A killed compiler may have left half a file with a new date.
+        to_remove: set[str] = set(state.get('building', []))
         if not self.was_done():
             self._start_over(bool(state))
-            built, spoilt = {}, set()
+            built, to_remove = {}, set()
         # What was made of a file that is gone stays behind, and generated code goes on referring to it.
-        spoilt |= {name for name, done in built.items() if name not in wanted or done['names'] != wanted[name]['names']}
-        self._remove(spoilt)
-        built = {name: done for name, done in built.items() if name not in spoilt}
+        to_remove |= {
+            name for name, done in built.items() if name not in wanted or done['names'] != wanted[name]['names']
+        }
+        self._remove(to_remove)
+        built = {name: done for name, done in built.items() if name not in to_remove}
         stale = sorted(name for name, value in wanted.items() if built.get(name) != value or not self._installed(name))
         with beside(lock) if stale else nullcontext():
             if stale:

@@ -73,8 +73,8 @@ class LatestMessage:
             if self._is_awaited():
                 self._on_message()
 
-        callback.take_all = self._take_all  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
-        callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]
+        callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.OpenExecutor
+        callback.is_awaited = self._is_awaited  # type: ignore[attr-defined]  # see node_executor.NodeExecutor
         return callback
 
     def _take_all(self, subscription: Subscription) -> None:

@@ -346,9 +346,9 @@ class NodeRuntime:
         self.abort(f'its executor thread has ended: {end}')
 
     def _turn(self) -> None:
-        # The bell only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps sets back
-        # the guard conditions that were not triggered when it looked, a moment later): what was posted is checked
-        # whenever a wait has ended.
+        # The guard condition only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps
+        # sets back those that were not triggered when it looked, a moment later): what was posted is checked whenever
+        # a wait has ended.
         while not self._closed.is_set():
             try:
                 self._executor.turn(0.0 if self._posted else None)

@@ -35,7 +35,7 @@ class Host(Protocol):
         """Run ``fn`` on the executor thread soon."""
 
     def report_fault(self, error: BaseException, where: str) -> None:
-        """Log an exception that an alarm let escape."""
+        """Log an exception that the callback of a timer let escape."""
 
 
 class RosClock:

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, Protocol
 from .choices import Choices
 from .configuration import Configuration
 from .explorer import ANSWERS_OF_A_STEP, Limits, Progress, Teller
-from .model import ALARM, Label, System
+from .model import TIMER, Label, System
 from .virtual_time import VirtualClock
 
 _DIGITS: Final = 6
@@ -185,7 +185,7 @@ class _Version:
         return _Seen(
             lines=tuple(map(self.named, system.happened()[:-1])),
             ended=system.ended,
-            passed=round(system.clock.now() - begin, _DIGITS) if label.kind == ALARM else 0.0,
+            passed=round(system.clock.now() - begin, _DIGITS) if label.kind == TIMER else 0.0,
             begun=tuple((self.named(path), parts) for path, parts in system.begun()),
             possible=frozenset(self.labels()),
             wrong={

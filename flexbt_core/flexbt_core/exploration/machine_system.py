@@ -42,7 +42,7 @@ from flexbt_core.values import counted
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
-from .model import ALARM, START, STOP, Answer, Label, servers_gone
+from .model import START, STOP, TIMER, Answer, Label, servers_gone
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
 from .virtual_time import VirtualClock
 
@@ -239,9 +239,9 @@ class MachineSystem:
         if run.outcome is not None:
             return []
         labels = [Label(CONFIRMED, path) for path in environment.ending]
-        if self._next_alarm() is not None:
+        if self._next_due() is not None:
             if not environment.ending:
-                labels.append(Label(ALARM))
+                labels.append(Label(TIMER))
             elif counted.faults < bounds.faults:
                 labels.append(Label(IGNORED, ', '.join(environment.ending)))
         if run.is_ending:
@@ -266,7 +266,7 @@ class MachineSystem:
         return Answer(state.model.server, label.value in state.model.successes)
 
     def is_due(self, label: Label) -> bool:
-        return label.kind == ALARM and self.clock.is_due(self._next_alarm())
+        return label.kind == TIMER and self.clock.is_due(self._next_due())
 
     def _commands(self) -> list[Label]:
         run, bounds = self._run, self._bounds
@@ -320,13 +320,13 @@ class MachineSystem:
             environment.active[path].wake()
         elif kind == CONFIRMED:
             environment.ending[path].confirm()
-        elif kind in (ALARM, IGNORED):
+        elif kind in (IGNORED, TIMER):
             if kind == IGNORED:
                 counted.faults += 1
                 environment.overdue.update(environment.ending)
-            alarm = self._next_alarm()
-            if alarm is not None:
-                self.clock.go_to(alarm)
+            due = self._next_due()
+            if due is not None:
+                self.clock.go_to(due)
         elif kind == STOP:
             counted.is_stopped = True
             run.preempt('stopped')
@@ -399,7 +399,7 @@ class MachineSystem:
         if refusal is not None:
             self._events.append(f'refused: {refusal}')
 
-    def _next_alarm(self) -> float | None:
+    def _next_due(self) -> float | None:
         given = (self._run.next_wake, self.clock.next_timer(), self.requirements.next_due())
         times = [time for time in given if time is not None]
         return min(times, default=None)

@@ -41,7 +41,7 @@ STOP: Final = 'stop'
 START: Final = 'start'
 """The kind of label by which it begins."""
 
-ALARM: Final = 'time goes by'
+TIMER: Final = 'time goes by'
 """The kind of label by which the next time comes for which something waits."""
 
 OPERATOR: Final = 'operator'

@@ -41,7 +41,7 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import ALARM, START, STOP, Answer, Label
+from .model import START, STOP, TIMER, Answer, Label
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
@@ -305,8 +305,8 @@ class TreeSystem:
             for status in action.model.results
         ]
         labels += confirms
-        if self._next_alarm() is not None:
-            labels.append(Label(ALARM))
+        if self._next_due() is not None:
+            labels.append(Label(TIMER))
         labels.append(Label(TICK))
         if self._stops:
             labels.append(Label(STOP))
@@ -318,7 +318,7 @@ class TreeSystem:
         return Answer(self._environment.open[label.subject].server, label.value == SUCCESS.name)
 
     def is_due(self, label: Label) -> bool:
-        return label.kind == ALARM and self.clock.is_due(self._next_alarm())
+        return label.kind == TIMER and self.clock.is_due(self._next_due())
 
     def step(self, label: Label, choices: Choices) -> list[Violation]:
         run, environment = self._run, self._environment
@@ -335,10 +335,10 @@ class TreeSystem:
                 environment.open[label.subject].result = NodeStatus[label.value]
             elif label.kind == CONFIRMED:
                 environment.confirm(label.subject)
-            elif label.kind == ALARM:
-                alarm = self._next_alarm()
-                if alarm is not None:
-                    self.clock.go_to(alarm)
+            elif label.kind == TIMER:
+                due = self._next_due()
+                if due is not None:
+                    self.clock.go_to(due)
             if run.result is None:
                 self._tick()
         return list(dict.fromkeys(self._found))
@@ -398,7 +398,7 @@ class TreeSystem:
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
-    def _next_alarm(self) -> float | None:
+    def _next_due(self) -> float | None:
         given = (
             *self._environment.due.values(),
             self._tree.next_wake,

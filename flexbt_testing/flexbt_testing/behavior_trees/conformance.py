@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compares the engine with BehaviorTree.CPP, event by event: ``python bt_conformance.py --count 20000 --seed 0``.
+"""Compares the engine with BehaviorTree.CPP, event by event.
+
+``python3 -m flexbt_testing.behavior_trees.conformance --count 20000 --seed 0`` does it from a shell.
 
 A profile says what the random trees consist of: ``trees`` has the plain nodes, ``nodes`` those that decide, loop and
 watch entries as well, and ``scripts`` also scripts, pre- and post-conditions; ``wheel`` is a corpus of all nodes. A

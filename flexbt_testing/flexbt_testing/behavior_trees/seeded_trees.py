@@ -26,7 +26,7 @@ from flexbt_core.monitors import While
 from flexbt_core.skills import Skill
 
 DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key', 'endless attempts')
-"""A Sequence where a ReactiveSequence was; a control that halts no sibling; a delay that sets no alarm; a Parallel of
+"""A Sequence where a ReactiveSequence was; a control that halts no sibling; a delay that sets no timer; a Parallel of
 what was in sequence; a plan that may be left out; attempts without a limit, which go on when a server is gone."""
 
 

@@ -49,10 +49,10 @@ class MockRun:
         rate: float = DEFAULT_RATE,
         read_inputs: bool = False,
         blackboard: BlackboardFile = NO_ENTRIES,
-        on_transition: Callable[[float, TreeNode, NodeStatus, NodeStatus], None] | None = None,
+        on_status: Callable[[float, TreeNode, NodeStatus, NodeStatus], None] | None = None,
         log: Path | None = None,
     ) -> None:
-        """``rate`` is the least rate of ticks, Hz. ``on_transition(time, node, before, after)`` hears of every change
+        """``rate`` is the least rate of ticks, Hz. ``on_status(time, node, before, after)`` hears of every change
         of a status; the time is that since the beginning, s. ``log`` is a file for them, as Groot2 opens it.
 
         Raises RefusedError when the tree cannot be made, or the plan does not fit it.
@@ -60,7 +60,7 @@ class MockRun:
         self._clock: Clock = SteadyClock() if real_time else ManualClock()
         self._start = self._clock.now()
         self._period = 1.0 / rate
-        self._bell = threading.Event()
+        self._woken = threading.Event()
         self.ticks = 0
         mocking = Mocking(library, plan, read_inputs=read_inputs)
         board = Blackboard()
@@ -75,7 +75,7 @@ class MockRun:
                 blackboard=board,
                 clock=self._clock,
                 substitute=mocking.substitute,
-                on_wake=self._bell.set,
+                on_wake=self._woken.set,
             )
         except TreeLoadError as error:
             raise RefusedError(error.errors) from error
@@ -90,8 +90,8 @@ class MockRun:
             self._log = LogWriter(log, self.tree, marks, 0, time.time(), on_error=_cannot_write)
             self.tree.observe(StatusLog(marks), after_round=self._log.flush)
         self._kept = self.tree.observers
-        if on_transition is not None:
-            heard = on_transition
+        if on_status is not None:
+            heard = on_status
             after_round = None if self._log is None else self._log.flush
             self.tree.observe(
                 *self._kept,
@@ -126,8 +126,8 @@ class MockRun:
         if isinstance(self._clock, ManualClock):
             self._clock.set(max(when, self._clock.now()))
         else:
-            self._bell.wait(max(0.0, when - self._clock.now()))
-            self._bell.clear()
+            self._woken.wait(max(0.0, when - self._clock.now()))
+            self._woken.clear()
 
     def close(self) -> None:
         """Halts what runs. Raises UsageError when the log cannot be written."""

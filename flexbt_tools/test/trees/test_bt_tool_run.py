@@ -96,7 +96,7 @@ def mock_run(
 
     library = TreeLibrary([load_xml(document(*trees), 'tree.xml', registry())])
     plan = read_plan(mocks, list(values))
-    return MockRun(library, find_tree(library, 'Main'), plan, on_transition=note, read_inputs=read_inputs), trace
+    return MockRun(library, find_tree(library, 'Main'), plan, on_status=note, read_inputs=read_inputs), trace
 
 
 def test_steps_are_followed_one_for_each_activation(tmp_path: Path) -> None:

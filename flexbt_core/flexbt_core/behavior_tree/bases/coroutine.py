@@ -61,15 +61,15 @@ class CoroutineAction(LeafNode):
         """Goes on when the time is over, by the clock of the tree, which is woken for it."""
         when = self.clock.now() + seconds
         # While the node is halted, the tree does not keep the times that nodes ask for.
-        alarm = self.clock.call_at(when, self.wake) if self._halted else None
+        timer = self.clock.call_at(when, self.wake) if self._halted else None
         try:
             while self.clock.now() < when:
-                if alarm is None:
+                if timer is None:
                     self.wake_at(when)
                 await _next_tick()
         finally:
-            if alarm is not None:
-                alarm.cancel()
+            if timer is not None:
+                timer.cancel()
 
     async def until(self, condition: Callable[[], bool]) -> None:
         """Goes on when the condition holds. It is asked at each tick; what makes it true may call :meth:`wake`."""

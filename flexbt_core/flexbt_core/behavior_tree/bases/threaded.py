@@ -48,15 +48,15 @@ class ThreadedAction(LeafNode):
         if call is None:
             raise RuntimeError('sleep is for run alone')
         when = self.clock.now() + seconds
-        alarm = self.clock.call_at(when, call.bell.set)
+        timer = self.clock.call_at(when, call.woken.set)
         try:
             while not call.halted:
                 if self.clock.now() >= when:
                     return
-                call.bell.wait()
-                call.bell.clear()
+                call.woken.wait()
+                call.woken.clear()
         finally:
-            alarm.cancel()
+            timer.cancel()
         raise Halted
 
     def set_output(self, port: str, value: Any) -> None:
@@ -114,7 +114,7 @@ class _Call:
 
     def __init__(self, node: ThreadedAction) -> None:
         self.lock = threading.Lock()
-        self.bell = threading.Event()
+        self.woken = threading.Event()
         self.halted = False
         self.ended = False
         self.result: object = None
@@ -131,7 +131,7 @@ class _Call:
                 self._report_error()
             else:
                 self._unfinished = self._node.context.add_unfinished(f'[{self._node.path}] is coming to its end')
-        self.bell.set()
+        self.woken.set()
 
     def _execute(self) -> None:
         try:

@@ -11,7 +11,7 @@
     ├── PortError              a port that cannot be read or written; names node, port and key
     ├── ScriptError            a script that cannot be parsed, or that fails when it runs; has the place in it
     └── NodeExecutionError     whatever went wrong inside a node while ticking or halting; names the node
-        └── TickAbandoned      a hook has ended the tick, because the tree is to be stopped
+        └── TickAbandoned      a callback has ended the tick, because the tree is to be stopped
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class NodeExecutionError(BehaviorTreeError):
 
 
 class TickAbandoned(NodeExecutionError):
-    """A hook has ended a tick: the tree is to be stopped, and the rest of the tick must not begin anything."""
+    """A callback has ended a tick: the tree is to be stopped, and the rest of the tick must not begin anything."""
 
 
 def _text_of(cause: BaseException | str) -> str:

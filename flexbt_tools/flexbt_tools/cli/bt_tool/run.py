@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         rate=options.rate,
         read_inputs=options.read_inputs,
         blackboard=BlackboardFile(options.blackboard, types),
-        on_transition=None if options.quiet else printer.transition,
+        on_status=None if options.quiet else printer.transition,
         log=options.btlog,
     )
     try:
