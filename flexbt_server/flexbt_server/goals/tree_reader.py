@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Final
 
 from flexbt_common.liveness import LivelinessToken
@@ -19,16 +20,30 @@ _FILES: Final = 'files'
 def tree_reader(runtime: NodeRuntime) -> WorkThread:
     """A reader, until the end of the node. What it is given is named by what was not done: 'tree x was not read'."""
     token = LivelinessToken(runtime)
+    lock = threading.Lock()
+    is_open = True
 
     def late(what: str) -> None:
         why = f'{what} within {READ_SECONDS:g} s, goals wait: does the disk answer?' if what else ''
-        if why:
-            runtime.node.get_logger().warning(why)
-        token.set_ready(not why, _FILES, why)
+        with lock:
+            if not is_open:  # what the token says is of another reader
+                return
+            if why:
+                runtime.node.get_logger().warning(why)
+            token.set_ready(not why, _FILES, why)
 
     def fault(error: BaseException) -> None:
-        runtime.report_fault(error, 'the thread that reads trees')
+        runtime.post(lambda: runtime.report_fault(error, 'the thread that reads trees'))
 
     reader = WorkThread('tree_reader', runtime.steady, READ_SECONDS, late, fault)
-    runtime.on_close(reader.close)
+
+    def close() -> None:
+        """Of the token, which the node keeps, take back what was said of a read that may never end."""
+        nonlocal is_open
+        reader.close()
+        with lock:
+            is_open = False
+            token.set_ready(True, _FILES)
+
+    runtime.on_close(close)
     return reader

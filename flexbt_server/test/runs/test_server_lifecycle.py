@@ -18,15 +18,16 @@ from rclpy.parameter import Parameter
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
-from flexbt_common.lifecycle import ManagedNode
-from flexbt_common.liveness import LivelinessWatch
+from flexbt_common.lifecycle import ManagedNode, NodeScope
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
+from flexbt_server.goals import tree_reader
 from flexbt_server.node import BtServer, declare_parameters
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.server_world import Client, Navigation, document
+from flexbt_testing.nodes.server_world import DEADLINE, Client, Navigation, document
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.waiting import wait_until
 
@@ -136,6 +137,37 @@ def test_the_server_is_alive_in_every_state() -> None:
             world.change(label)
         world.runtime.close()
         wait_until(lambda: changes == [True, False], 'the end')
+
+
+def test_only_the_server_that_waits_for_a_read_that_hangs_is_not_ready() -> None:
+    disks = [threading.Event() for _ in range(2)]
+    threads: list[threading.Thread] = []
+    with NodeRuntime.open('reading') as runtime:
+        unready = LivelinessToken(runtime)._held._unready
+
+        def configure(disk: threading.Event) -> NodeScope:
+            """What is configured has begun to read, and is late."""
+
+            def read() -> None:
+                threads.append(threading.current_thread())
+                assert disk.wait(DEADLINE)
+
+            scope = NodeScope(runtime)
+            reader = tree_reader(scope)
+            reader._seconds = 0.01
+            reader.submit(read, 'a file was not read')
+            wait_until(lambda: threads and 'files' in unready, 'why it is not ready')
+            return scope
+
+        configure(disks[0]).close()
+        assert 'files' not in unready
+        again = configure(disks[1])
+        disks[0].set()
+        threads[0].join(DEADLINE)
+        assert 'files' in unready, 'the other disk has not answered'
+        again.close()
+        assert 'files' not in unready
+        disks[1].set()
 
 
 def test_cleanup_forgets_everything_and_frees_it() -> None:
