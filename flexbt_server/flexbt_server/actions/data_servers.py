@@ -65,8 +65,9 @@ class DataServers:
             def work() -> None:
                 try:
                     result = answer(goal.request)
-                except Exception as error:  # a fault of ours goes to the client as well
-                    self._runtime.report_fault(error, 'a goal for a blackboard')
+                except BaseException as error:  # a fault of ours goes to the client as well
+                    fault = error
+                    self._runtime.post(lambda: self._runtime.report_fault(fault, 'a goal for a blackboard'))
                     message = sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
                     result = action.Result(code=action.Result.ERROR, message=message)
                 self._runtime.post(lambda: end(result))

@@ -57,7 +57,7 @@ class LoadServer:
         def work() -> None:
             try:
                 reports = self._store.load(request.files, request.xml, progress)
-            except Exception as error:
+            except BaseException as error:
                 fault = error
                 self._runtime.post(lambda: self._abort(goal, fault))
             else:
@@ -65,7 +65,7 @@ class LoadServer:
 
         self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
 
-    def _abort(self, goal: ServedGoal, fault: Exception) -> None:
+    def _abort(self, goal: ServedGoal, fault: BaseException) -> None:
         """A fault of ours goes to the client as well."""
         self._runtime.report_fault(fault, f'goal of {names.BT_LOADER}')
         goal.abort(BtLoad.Result(code=Result.ERROR, message=f'fault in the BT server: {fault!r}'))

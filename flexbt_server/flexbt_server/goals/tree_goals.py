@@ -211,7 +211,7 @@ class TreeGoals:
             except FlexbtError as error:
                 reason = str(error)
                 self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, reason)))
-            except Exception as error:  # a fault of ours goes to the client as well
+            except BaseException as error:  # a fault of ours goes to the client as well
                 fault = error
                 self._runtime.post(lambda: self.end(goal, RunOutcome(Result.ERROR, self._fault(goal, fault))))
             else:
@@ -228,7 +228,7 @@ class TreeGoals:
         except Exception as error:
             self.end(goal, RunOutcome(Result.ERROR, self._fault(goal, error)))
 
-    def _fault(self, goal: TreeGoal, error: Exception) -> str:
+    def _fault(self, goal: TreeGoal, error: BaseException) -> str:
         """Report a fault of ours; gives what the client is told."""
         self._runtime.report_fault(error, f'goal of {goal.action}')
         return sendable(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)

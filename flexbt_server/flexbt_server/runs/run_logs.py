@@ -52,7 +52,7 @@ class RunLogs:
             runtime.steady,
             STUCK_SECONDS,
             self._tell_stuck,
-            lambda error: runtime.report_fault(error, 'the thread that writes the logs of trees'),
+            lambda error: runtime.post(lambda: runtime.report_fault(error, 'the thread that writes the logs of trees')),
         )
         runtime.on_close(self._close)
 

@@ -15,6 +15,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
+from flexbt_server.trees import TreeStore
 from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
 from flexbt_testing.waiting import wait_until
 
@@ -92,15 +93,23 @@ def test_missing_keys_are_named_and_the_others_given(world: World) -> None:
     assert [entry.key for entry in result.entries] == ['there']
 
 
-def test_an_internal_fault_is_told_in_full(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    fault = RuntimeError('very ' * 100 + 'broken')
+@pytest.mark.parametrize('fault', [RuntimeError('very ' * 100 + 'broken'), SystemExit('of a library')])
+def test_an_internal_fault_is_told_in_full(world: World, monkeypatch: pytest.MonkeyPatch, fault: BaseException) -> None:
+    """To who waits, and to the node on its own thread."""
+    told: list[tuple[BaseException, bool]] = []
+    runtime = world.server_runtime
+    runtime.on_fault(lambda error: told.append((error, runtime.on_executor_thread)))
 
     def fails(*_: Any) -> None:
         raise fault
 
     monkeypatch.setattr('flexbt_server.actions.data_servers.entries_of', fails)
-    result = world.client.get('there', blackboard='partial')
-    assert (result.code, result.message) == (BtGetData.Result.ERROR, f'fault in the BT server: {fault!r}')
+    for name in ('find', 'load'):
+        monkeypatch.setattr(TreeStore, name, fails)
+    client = world.client
+    for result in (client.get('there', blackboard='partial'), client.load('a.xml'), client.execute().result):
+        assert (result.code, result.message) == (result.ERROR, f'fault in the BT server: {fault!r}')
+    assert told == [(fault, True)] * 3
 
 
 def test_blackboards_are_apart_and_the_shared_one_is_shared_by_trees(world: World) -> None:
