@@ -5,8 +5,8 @@ A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with i
 for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
 on up to a number of files.
 A thread of its own writes, so that nobody waits for the disk; that it hangs is told, and events wait. What cannot be
-written is counted, and told once, until there is another reason. A disk that was full leaves a line that is cut off,
-and an empty one when it goes on.
+written is counted, and each reason told once, until something is written again. A disk that was full leaves a line that
+is cut off, and an empty one when it goes on.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
 ``event``, and what belongs to the event:
@@ -71,7 +71,7 @@ class EventLog:
     """Appends events to a file; from any thread.
 
     ``on_problem`` is called on the writing thread, or that of ``steady``: with a text when the file cannot be written,
-    or not for another reason, and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the
+    or not for a further reason, and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the
     time stamps.
     """
 
@@ -93,7 +93,7 @@ class EventLog:
         self._queue: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
         self._lock = threading.Lock()
         self._lost = 0
-        self._problem: object = None
+        self._problems: set[object] = set()  # that were told since something was written
         self._in_hand = 0
         self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
@@ -143,7 +143,7 @@ class EventLog:
             text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
             # A line that a full disk has cut off ends here.
             with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
-                self._append(('\n' if self._problem else '') + text)
+                self._append(('\n' if self._problems else '') + text)
         except Exception as error:  # not of the disk alone: a value may not let itself be written
             self._lose(lost + len(events))
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
@@ -152,7 +152,9 @@ class EventLog:
                 f'the event log {self._file} cannot be written: {kind}{error}; going on without it',
             )
             return
-        self._tell(None, '')
+        if self._problems:
+            self._problems.clear()
+            self._on_problem('')
 
     def _tell_stuck(self) -> None:
         self._tell(
@@ -162,8 +164,8 @@ class EventLog:
         )
 
     def _tell(self, kind: object, problem: str) -> None:
-        if kind != self._problem:
-            self._problem = kind
+        if kind not in self._problems:
+            self._problems.add(kind)
             self._on_problem(problem)
 
     def _lose(self, number: int) -> None:

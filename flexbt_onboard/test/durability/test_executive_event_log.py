@@ -3,23 +3,29 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log import EventLog, rotated
+from flexbt_onboard.event_log.event_log import STUCK_SECONDS
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 class Go(EventState):
@@ -191,6 +197,36 @@ def test_each_reason_not_to_write_is_told_and_none_ends_the_log(tmp_path: Path) 
     assert 'RuntimeError: no text for this' in problems[0] and 'directory' in problems[1] and problems[2] == ''
     lost, following = [json.loads(line) for line in file.read_text().split('\n') if line]
     assert (lost['number'], following['event']) == (3, 'next')
+
+
+def test_of_a_disk_that_hangs_and_then_fails_both_are_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steady = ManualClock()
+    problems: list[str] = []
+    asked: SimpleQueue[str] = SimpleQueue()
+    answers: SimpleQueue[OSError | None] = SimpleQueue()
+
+    def hang(_log: EventLog, text: str) -> None:
+        asked.put(text)
+        answer = answers.get(timeout=DEADLINE)
+        if answer is not None:
+            raise answer
+
+    monkeypatch.setattr(EventLog, '_append', hang)
+    clock: Any = SimpleNamespace(stamp=Time)
+    log = EventLog(tmp_path / 'r.jsonl', clock, steady, problems.append)
+    for answer in (OSError(errno.EIO, 'no answer'), OSError(errno.EIO, 'no answer'), None):
+        log.add('number')
+        asked.get(timeout=DEADLINE)
+        steady.advance(STUCK_SECONDS + 0.1)
+        answers.put(answer)
+    log.add('last')
+    assert asked.get(timeout=DEADLINE), 'what was before is done'
+    stuck, failed, well = problems
+    assert 'does not answer' in stuck and 'no answer' in failed and well == ''
+    answers.put(None)
+    log.close()
 
 
 def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> None:
