@@ -18,7 +18,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Answer
 from flexbt_core.values import one_line, sendable
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
-from flexbt_onboard.durability import REMEMBERED_COMMANDS, CommandAnswer, RunJournal
+from flexbt_onboard.durability import REASON_LENGTH, REMEMBERED_COMMANDS, CommandAnswer, RunJournal
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.event_log import Reporter
 
@@ -33,10 +33,6 @@ OPEN_COMMANDS: Final = 100
 REPORT_TIME: Final = 5.0
 """Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it
 reported again; without this limit most of a quiet link's traffic would be old results."""
-
-
-REASON_LENGTH: Final = 2000
-"""Characters of the reason of a refusal, at most."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +161,7 @@ class CommandLedger:
         told = sendable(reason or '', REASON_LENGTH)
         code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
         try:
-            self._journal.decide(command_id, None if reason is None else told)
+            self._journal.decide(command_id, reason)
             self._report.command(fields, 'applied' if reason is None else 'refused', told)
         finally:  # whatever cannot be written: who gave it is answered
             self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=told)

@@ -4,10 +4,11 @@
 from .journal import REMEMBERED_COMMANDS, RETRY_SECONDS, STUCK_SECONDS, Journal, JournalState
 from .journal_format import FORMAT, FoundJournal, Line, encode_head, encode_line, read_journal
 from .plain_form import from_plain_form, to_plain_form
-from .run_journal import CommandAnswer, Decided, InterruptedRun, RunJournal
+from .run_journal import REASON_LENGTH, CommandAnswer, Decided, InterruptedRun, RunJournal
 
 __all__ = [
     'FORMAT',
+    'REASON_LENGTH',
     'REMEMBERED_COMMANDS',
     'RETRY_SECONDS',
     'STUCK_SECONDS',

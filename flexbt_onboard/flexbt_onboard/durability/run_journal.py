@@ -24,8 +24,8 @@ from flexbt_onboard.errors import CommandRefusedError
 from .journal import Journal, Result
 from .plain_form import from_plain_form, to_plain_form
 
-_LONGEST_REASON: Final = 10_000
-"""Characters of what is told after a crash of why a command was refused."""
+REASON_LENGTH: Final = 2000
+"""Characters of the reason of a refusal; the middle of a longer one is left out."""
 
 Decided = tuple[Answer, 'str | None']
 """An answer, and why the command was refused; None when it was applied."""
@@ -128,7 +128,7 @@ class RunJournal:
         """Results of the commands that were decided before, the oldest first."""
         known = self._journal.state.commands if self._journal is not None else {}
         return [
-            CommandResult(command_id=command_id, code=code, reason=sendable(reason, _LONGEST_REASON))
+            CommandResult(command_id=command_id, code=code, reason=sendable(reason))  # cut when it was written
             for command_id, (code, reason) in known.items()
         ]
 
@@ -243,4 +243,5 @@ def _results(decided: Sequence[Decided]) -> list[Result]:
 
 
 def _result(command_id: str, reason: str | None) -> Result:
-    return command_id, CommandResult.APPLIED if reason is None else CommandResult.REFUSED, reason or ''
+    code = CommandResult.APPLIED if reason is None else CommandResult.REFUSED
+    return command_id, code, sendable(reason or '', REASON_LENGTH)

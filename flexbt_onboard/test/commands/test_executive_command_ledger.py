@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from flexbt_core.clock import SteadyClock
 from flexbt_core.state_machine import Answer
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand
-from flexbt_onboard.commands import COMMANDS, OPEN_COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.commands import COMMAND_LENGTHS, COMMANDS, OPEN_COMMANDS, REPORT_TIME, CommandLedger
+from flexbt_onboard.commands.command_registry import command_fields
 from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.event_log import EventLog, Reporter
@@ -202,6 +203,30 @@ def test_what_was_decided_before_a_restart_is_remembered(tmp_path: Path) -> None
     assert again.results() == [('a', A), ('b', R), ('open', A)]
     assert again.effects == ['open']
     again.journal.close()
+
+
+def test_a_long_reason_is_cut_and_told_as_before_after_a_restart(tmp_path: Path) -> None:
+    books = Books(directory=str(tmp_path))
+    books.send('start', START)
+    reason = 'x' * 5000
+    books.journal.decide('with a move', reason)  # which the ledger hears later
+    (answer,) = books.later
+    answer(reason)
+    (result,) = books.ledger.results()
+    assert 'characters left out' in result.reason
+    books.journal.close()
+    again = Books(directory=str(tmp_path))
+    for name in ('start', 'with a move'):
+        again.send(name)
+    assert [one.reason for one in again.ledger.results()] == [result.reason] * 2
+    again.journal.close()
+
+
+def test_every_text_of_a_command_has_a_bound_and_is_in_the_event_log() -> None:
+    texts = [name for name, kind in ExecutiveCommand.get_fields_and_field_types().items() if kind == 'string']
+    assert set(COMMAND_LENGTHS) == {*texts}
+    fields = command_fields(ExecutiveCommand(**{name: f'the {name}' for name in texts}), 'START')
+    assert {f'the {name}' for name in texts} <= set(fields.values())
 
 
 def test_every_constant_of_the_message_is_a_command() -> None:
