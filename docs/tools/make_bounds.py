@@ -58,13 +58,7 @@ def bounds() -> Iterator[tuple[str, str]]:
             f'{lengths(command_bounds.INPUT_LENGTHS)}'
         ),
     )
-    yield (
-        'an input request, its choices, and how many wait at a time',
-        (
-            f'{lengths(command_bounds.REQUEST_LENGTHS)}; {command_bounds.CHOICES} of {command_bounds.CHOICE_LENGTH} '
-            f'characters; {command_bounds.OPEN_REQUESTS}'
-        ),
-    )
+    yield 'input requests that wait at a time', f'{command_bounds.OPEN_REQUESTS}'
     yield (
         'a text for people that an executive sends',
         (f'the middle of what is longer than {limits.LONG_TEXT:,} characters is left out'),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How large commands and input requests may be: checked before anything of them is kept, logged or journaled."""
+"""How large commands may be, and how many input requests: checked before anything is kept, logged or journaled."""
 
 from __future__ import annotations
 
@@ -31,23 +31,14 @@ INPUTS: Final = 100
 INPUT_LENGTHS: Final[Mapping[str, int]] = {'key': 256, 'type': 256, 'text': 100_000, 'data': 1_000_000}
 """Inputs of a START or ANSWER, the characters of each, and the bytes of its data."""
 
-REQUEST_LENGTHS: Final[Mapping[str, int]] = {'prompt': 1000, 'type': 256, 'asker': 4096}
-"""Characters of each text of an input request: every status has it."""
-
-CHOICES: Final = 100
-CHOICE_LENGTH: Final = 256
 OPEN_REQUESTS: Final = 32
-"""Choices of an input request, the characters of each, and the input requests that may wait at a time."""
+"""Input requests that may wait at a time: every status has them. How large each may be is one of the bounds of all
+messages (:mod:`flexbt_common.values.limits`)."""
 
 
 def excess_of_command(command: ExecutiveCommand) -> str:
     """What of a command is too large; '' for nothing."""
     return next(_excesses_of_command(command), '')
-
-
-def excess_of_request(request: Any) -> str:
-    """What of an input request (OperatorInput.Goal) is too large; '' for nothing."""
-    return next(_excesses_of_request(request), '')
 
 
 def _excesses_of_command(command: ExecutiveCommand) -> Iterator[str]:
@@ -58,14 +49,6 @@ def _excesses_of_command(command: ExecutiveCommand) -> Iterator[str]:
     yield from _too_many('inputs', command.inputs, INPUTS)
     for entry in command.inputs:
         yield from _too_long(entry, INPUT_LENGTHS, 'inputs: ')
-
-
-def _excesses_of_request(request: Any) -> Iterator[str]:
-    yield from _too_long(request, REQUEST_LENGTHS)
-    yield from _too_many('choices', request.choices, CHOICES)
-    for choice in request.choices:
-        if len(choice) > CHOICE_LENGTH:
-            yield f'choices: each has at most {CHOICE_LENGTH} characters, not {len(choice)}'
 
 
 def _too_long(message: Any, lengths: Mapping[str, int], where: str = '') -> Iterator[str]:

@@ -19,7 +19,7 @@ from flexbt_msgs.action import OperatorInput
 from flexbt_msgs.msg import BlackboardEntry, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
 
-from .command_bounds import OPEN_REQUESTS, excess_of_request
+from .command_bounds import OPEN_REQUESTS
 
 OnChange = Callable[[str, Mapping[str, Any]], None]
 
@@ -135,11 +135,8 @@ class InputRequests:
 
     def _ask(self, goal: ServedGoal) -> None:
         wanted = goal.request
-        excess = excess_of_request(wanted)
         if len(self._open) >= OPEN_REQUESTS:
-            excess = f'{len(self._open)} input requests wait for the operator already; no more are taken'
-        if excess:
-            goal.abort(_refused(excess))
+            goal.abort(_refused(f'{len(self._open)} input requests wait for the operator already; no more are taken'))
             return
         try:
             type = _checked_type(wanted)
