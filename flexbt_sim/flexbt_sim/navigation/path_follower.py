@@ -33,7 +33,7 @@ controller."""
 
 END_OF_LEG: Final = 0.02
 """Distance, m, from where a car changes direction, or from the end, at which it is there; and from the goal, at which
-another robot is when its last turn would have collided before."""
+another robot is, unless its tolerance is less, when its last turn would collide farther off."""
 
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
@@ -58,8 +58,9 @@ class FollowerLimits:
     the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
     less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
     A turn of more than ``rotate_angle`` is made on the spot. Where the last one, to the heading of the goal, would
-    collide within ``xy_tolerance`` of the goal, it is made at the goal. No progress means less than
-    ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle ahead is waited for.
+    collide within ``xy_tolerance`` of the goal, the robot drives on, and after ``patience`` turns at the goal only.
+    No progress means less than ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle
+    ahead is waited for, too.
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
     path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
@@ -188,9 +189,10 @@ class PathFollower:
         self._costmap = costmap
         self._limits = limits
         self.progress: ProgressChecker = ProgressChecker(limits) if before is None else before.progress
-        self._circles, self._tolerance = CircleChecker(limits.progress_distance), limits.xy_tolerance
+        self._circles = CircleChecker(limits.progress_distance)
+        self._no_room_since = math.inf
         if before is not None and before._given[0] == self._given[0]:
-            self._circles, self._tolerance = before._circles, before._tolerance
+            self._circles, self._no_room_since = before._circles, before._no_room_since
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
         self._has_begun = False
@@ -224,7 +226,9 @@ class PathFollower:
         self._left = math.dist(pose[:2], self._track.point(self._at)) + left
         self.distance_to_goal = self._left + sum(leg.track.length for leg in self._legs[1:])
         near_end = left <= 2.0 * limits.xy_tolerance and len(self._legs) == 1
-        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= self._tolerance)
+        least = min(END_OF_LEG, limits.xy_tolerance)
+        tolerance = least if now - self._no_room_since > limits.patience else limits.xy_tolerance
+        self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= tolerance)
         if self._is_close and left > END_OF_LEG and abs(wrap(self._goal.yaw - pose.yaw)) > limits.yaw_tolerance:
             self._at_goal = False  # its heading is that of the goal at the end only
         self.progress.check(pose, now, self._at_goal)
@@ -241,10 +245,13 @@ class PathFollower:
                     f'the robot is at the goal, {math.degrees(abs(angle)):.0f} degrees off its heading, and cannot '
                     'turn on the spot: give a goal with another heading, or a greater yaw_goal_tolerance',
                 )
-            velocity = self._last_turn(angle, pose, now)
-            if velocity is None and pose.distance(self._goal) > END_OF_LEG:
-                # There may be room at the goal itself: from now on nothing less will do.
-                self._at_goal, self._tolerance = False, END_OF_LEG
+            is_beside = pose.distance(self._goal) > least
+            # Who had no room for it has to have room for all of it, so as not to go to and fro.
+            velocity = self._last_turn(angle, pose, now, is_beside and self._no_room_since < math.inf)
+            if velocity is None and is_beside:
+                # There may be room at the goal itself: soon nothing less will do.
+                self._no_room_since = min(self._no_room_since, now)
+                self._at_goal = False
                 velocity = self._pursue(pose, now)
         elif self._is_close and len(self._legs) == 1 and left <= END_OF_LEG:
             raise NavigationError(
@@ -261,10 +268,12 @@ class PathFollower:
         self.speed = velocity.linear
         return velocity
 
-    def _last_turn(self, angle: float, pose: Pose, now: float) -> Velocity | None:
-        """To the heading of the goal; None where it would collide."""
+    def _last_turn(self, angle: float, pose: Pose, now: float, is_whole: bool) -> Velocity | None:
+        """To the heading of the goal; None where that would collide, soon or, if ``is_whole``, at any time."""
         turn = self._turn_by(angle)
-        seconds = min(self._limits.collision_time, abs(angle / turn.angular))
+        seconds = abs(angle / turn.angular)
+        if not is_whole:
+            seconds = min(self._limits.collision_time, seconds)
         if collides(self._costmap, pose, turn, seconds):
             return None
         return self._apart.limited(self._costmap, pose, turn, now)

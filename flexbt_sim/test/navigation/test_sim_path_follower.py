@@ -225,6 +225,30 @@ def test_who_has_no_room_to_turn_near_the_goal_turns_at_the_goal() -> None:
     assert done.robot.pose.distance(nowhere) <= END_OF_LEG + ROLLING
 
 
+def test_what_passes_beside_a_goal_does_not_keep_the_robot_from_turning_where_it_is() -> None:
+    seen = OPEN.obstacles.copy()
+    seen[OPEN.cell(3.0, 3.32)] = True
+    inflation, here = Inflation.of(box(0.6, 0.4)), Pose(3.0, 3.0, 0.0)
+    blocked, free = Costmap(OPEN, inflation, seen), Costmap(OPEN, inflation)
+    path = line(here[:2], (3.08, 3.0), yaw=1.5)
+
+    def is_turning(now: float, costmap: Costmap, motion: PathFollower, left: float = 0.08) -> bool:
+        motion.update(costmap)
+        velocity = motion.step(here._replace(x=3.08 - left), now)
+        assert velocity is not None and velocity != STOP
+        return velocity.linear == 0.0
+
+    passing, staying = PathFollower(path, blocked, FOLLOWER), PathFollower(path, blocked, FOLLOWER)
+    assert not is_turning(1.0, blocked, passing) and is_turning(1.1, free, passing) and is_turning(9.0, free, passing)
+    for now in (1.0, 1.2, 1.4):
+        assert not is_turning(now, blocked, staying)
+    staying = PathFollower(path, free, FOLLOWER, staying)
+    assert not is_turning(1.5, free, staying)  # and does not go to and fro
+    exact = PathFollower(path, free, replace(FOLLOWER, xy_tolerance=0.01))
+    assert is_turning(1.0, free, exact, left=0.005) and not is_turning(2.0, blocked, exact, left=0.05)
+    assert not is_turning(3.0, free, exact, left=0.015)  # nearer than 2 cm, which will do for others
+
+
 def test_beside_the_map_there_is_no_way() -> None:
     path = line((6.0, 3.0), (10.0, 3.0))
     done = run(OPEN, path[0], follower(path))
