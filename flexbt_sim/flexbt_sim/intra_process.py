@@ -21,7 +21,8 @@ from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received
 
 LINGER_SECONDS: Final = 1.0
 """A command that was sent while others listened may still wait for its receiver: when they are gone, so long the next
-ones go the same way, s, and none overtakes it."""
+ones go the same way, s, so that none overtakes it. This is a time, no promise: a command that takes longer comes
+after the next one."""
 
 LOOK_SECONDS: Final = 1.0
 """From one look at messages that nobody waits for to the next, s: that of the executor (node_executor.py)."""

@@ -3,28 +3,23 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable
 
+import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
 from flexbt_common.runtime import NodeRuntime, Received
+from flexbt_sim import intra_process
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
+from flexbt_testing.waiting import DEADLINE, wait_until
 
-DEADLINE = 60.0
 COUNT = 2000
 
 
-def wait_until(condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < end, what
-        time.sleep(0.002)
-
-
-def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time() -> None:
+def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     here = threading.get_ident()
     heard: list[tuple[int, int]] = []
     elsewhere: list[int] = []
@@ -95,7 +90,9 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time() -
         go_on.clear()
         receiver.post(hold_up)
         assert busy.wait(DEADLINE)
-        orders.publish(Int32(data=-2))
+        with monkeypatch.context() as patched:  # however long it takes until the other one is known to be gone
+            patched.setattr(intra_process, 'LINGER_SECONDS', math.inf)
+            orders.publish(Int32(data=-2))
         sender.call(lambda: sender.node.destroy_subscription(other))
         wait_until(lambda: orders.get_subscription_count() == 1, 'the other one is not gone')
         orders.publish(Int32(data=-3))
