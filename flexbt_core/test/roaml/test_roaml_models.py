@@ -182,6 +182,7 @@ def test_math_random_is_drawn_anew_in_each_run(tmp_path: Path) -> None:
         ('0.125 &lt; Math.random() ? 1 : 0', {1: 0.875, 0: 0.125}),
         ('Math.floor(1 + 1e-17 * Math.random())', {1: 1.0}),
         ('Math.floor(Math.random() * 0) + (Math.random() &lt; 2 ? 1 : 0)', {1: 1.0}),
+        ('Math.random() &lt; n * 1e308 * 0 ? 1 : 0', {0: 1.0}),  # not a number
     ],
 )
 def test_whole_numbers_drawn_by_lot_are_followed_exactly(

@@ -74,11 +74,12 @@ class AllLots:
         return first + taken
 
     def below(self, bound: float) -> bool:
-        share = min(max(bound, 0.0), 1.0)
-        if share in (0.0, 1.0):
-            return share == 1.0
+        if not bound > 0.0:  # not a number, maybe
+            return False
+        if bound >= 1.0:
+            return True
         is_below = self._take(2) == 0
-        self.probability *= share if is_below else 1.0 - share
+        self.probability *= bound if is_below else 1.0 - bound
         return is_below
 
     def _take(self, count: int) -> int:
