@@ -13,6 +13,12 @@ from typing import Any, Final
 DEADLINE: Final = 60.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
+RESEND_SECONDS: Final = 2.0
+"""What is not answered is sent again after this time, s of wall time."""
+
+MESSAGE_BYTES: Final = 2_000
+"""The greatest poses and velocities that are looked at."""
+
 _SHORTEST_PAUSE: Final = 0.002
 _LONGEST_PAUSE: Final = 0.01
 

@@ -14,10 +14,9 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTran
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
 
-T = TypeVar('T')
+from ..waiting import DEADLINE, RESEND_SECONDS
 
-_SECONDS = 60.0
-_REPEAT_SECONDS = 2.0
+T = TypeVar('T')
 
 
 class LifecycleClient:
@@ -45,7 +44,7 @@ class LifecycleClient:
 
     def change(self, transition: int | str) -> bool:
         """Make a transition, by number or label; whether it succeeded, which is known when it is over."""
-        return self.begin(transition).result(_SECONDS)
+        return self.begin(transition).result(DEADLINE)
 
     def begin(self, transition: int | str) -> Future[bool]:
         """Ask for a transition; whether it succeeded comes when it is over.
@@ -56,14 +55,14 @@ class LifecycleClient:
         self.state()
         wanted = Transition(label=transition) if isinstance(transition, str) else Transition(id=transition)
         request = ChangeState.Request(transition=wanted)
-        return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success), _SECONDS)
+        return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success), DEADLINE)
 
     def _ask(self, service_type: Any, service: str, request: Any) -> Any:
         """The answer to a question, which is asked until there is one."""
-        deadline = time.monotonic() + _SECONDS
+        deadline = time.monotonic() + DEADLINE
         while True:
             try:
-                return self._send(service_type, service, request, lambda answer: answer, _REPEAT_SECONDS).result()
+                return self._send(service_type, service, request, lambda answer: answer, RESEND_SECONDS).result()
             except TimeoutError:
                 if time.monotonic() > deadline:
                     raise
@@ -83,7 +82,7 @@ class LifecycleClient:
             self._links.link(service_type, f'{self._name}/{service}'),
             request,
             on_done=done,
-            server_timeout=_SECONDS,
+            server_timeout=DEADLINE,
             response_timeout=response_timeout,
         )
         return answer

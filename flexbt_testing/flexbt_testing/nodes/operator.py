@@ -7,7 +7,7 @@ import itertools
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
@@ -21,10 +21,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
 )
 
-from ..waiting import wait_until
-
-RESEND_SECONDS: Final = 2.0
-"""A command that is not answered is sent again after this time, s of wall time."""
+from ..waiting import RESEND_SECONDS, wait_until
 
 
 class Operator:

@@ -19,11 +19,9 @@ from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
 from ..nodes.operator import Operator
-from ..waiting import DEADLINE, uncontended_time, wait_until
+from ..waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
 
 T = TypeVar('T')
-
-POSE_BYTES = 2_000
 
 
 class Probe(Operator):
@@ -40,7 +38,7 @@ class Probe(Operator):
         """The time of the pose that showed the last movement, s on the robot's clock."""
         qos = QoSProfile(depth=100)
         # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
-        runtime.call(lambda: ReceivedMessages(runtime.node, PoseStamped, names.POSE, qos, self._on_pose, POSE_BYTES))
+        runtime.call(lambda: ReceivedMessages(runtime.node, PoseStamped, names.POSE, qos, self._on_pose, MESSAGE_BYTES))
 
     def _on_pose(self, received: Received) -> None:
         pose: PoseStamped = received.unpack(PoseStamped)
