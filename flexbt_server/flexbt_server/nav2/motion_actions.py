@@ -82,7 +82,14 @@ class FollowPath(ActionLeaf):
         self._path_by = -math.inf
 
     def on_running(self) -> NodeStatus:
-        return NodeStatus.RUNNING if self._awaits_path() else super().on_running()
+        if self._awaits_path():
+            self._limit_wait()  # what is still ending has its whole time when the path comes
+            return NodeStatus.RUNNING
+        return super().on_running()
+
+    def on_halted(self) -> None:
+        self._path_by = -math.inf
+        super().on_halted()
 
     def _awaits_path(self) -> bool:
         if self._goal is not None or self._steady.now() >= self._path_by:
@@ -108,6 +115,7 @@ class FollowPath(ActionLeaf):
         return self.make_goal() if wanted[0].poses else None
 
     def on_success(self, result: Any) -> NodeStatus:
+        self._path_by = -math.inf
         self._forget_tracking()
         return NodeStatus.SUCCESS
 

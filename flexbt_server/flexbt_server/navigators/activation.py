@@ -27,13 +27,15 @@ _TOLD_AFTER: Final = 2.0
 class Activation:
     """Waits for servers. Made and used on the executor thread.
 
-    ``is_over``: all of them were there, the time is up, or it was canceled.
+    ``is_over``: all of them were there, the time is up, or it was canceled. When it is not ``patient`` it is over at
+    once, and what is missing is told.
     """
 
-    def __init__(self, runtime: NodeRuntime, servers: Mapping[str, str]) -> None:
+    def __init__(self, runtime: NodeRuntime, servers: Mapping[str, str], *, patient: bool) -> None:
         """``servers``: a service of each, and what people call it."""
         self._runtime = runtime
         self._servers = servers
+        self._patient = patient
         self._began = runtime.steady.now()
         self._is_told = False
         self._timer: Timer | None = None
@@ -52,12 +54,12 @@ class Activation:
         steady, logger = self._runtime.steady, self._runtime.node.get_logger()
         missing = ', '.join(name for service, name in self._servers.items() if not self._is_there(service))
         waited = steady.now() - self._began
-        if not missing or waited >= ACTIVATION_SECONDS:
+        if not missing or not self._patient or waited >= ACTIVATION_SECONDS:
             self.is_over = True
             if missing:
                 logger.warning(
-                    f'{names.BT_NAVIGATOR} is active without servers that its default trees call, and that did not '
-                    f'appear within {ACTIVATION_SECONDS:g} s: {missing}'
+                    f'{names.BT_NAVIGATOR} is active without servers that its default trees call, which were not there '
+                    f'after {waited:.0f} s: {missing}'
                 )
             elif self._is_told:
                 logger.info(f'{names.BT_NAVIGATOR} is active: the servers of its default trees are there')

@@ -94,7 +94,7 @@ class Navigators:
         if self._navigators:
             TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
             self._admission.open()
-            self._wait_for_servers()
+            self._wait_for_servers(patient=True)
             self._parts.append(LifecycleServices(node, names.BT_NAVIGATOR, self._on_change, self._has_its_servers))
         follower = self._follower
         if follower is not None:
@@ -116,7 +116,7 @@ class Navigators:
     def _on_change(self, is_active: bool) -> None:
         """A lifecycle manager has changed the state of bt_navigator."""
         if is_active:
-            self._wait_for_servers()
+            self._wait_for_servers(patient=False)  # Nav2's manager, once answered, demands that it is active
             self._admission.open()
             return
         self._wait_no_longer()
@@ -128,9 +128,9 @@ class Navigators:
         """How long a server, or the pose of the robot, is waited for, s of wall time."""
         return self._services.appear_timeout(self._services.server_timeout)
 
-    def _wait_for_servers(self) -> None:
+    def _wait_for_servers(self, *, patient: bool) -> None:
         nodes = (node for tree in self._default_trees for node in tree.nodes())
-        self._activation = Activation(self._runtime, called_servers(nodes))
+        self._activation = Activation(self._runtime, called_servers(nodes), patient=patient)
 
     def _wait_no_longer(self) -> None:
         if self._activation is not None:

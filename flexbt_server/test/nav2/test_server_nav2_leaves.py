@@ -30,6 +30,7 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
+from flexbt_server.nav2 import motion_actions
 from flexbt_server.trees import RECOVERIES_KEY
 from flexbt_testing.nodes.server_world import DEADLINE, ON_DEMAND, World, open_world, pose
 from flexbt_testing.waiting import wait_until
@@ -338,6 +339,27 @@ def test_how_the_robot_is_on_its_path(world: World) -> None:
     assert sent.result.code == Result.FAILURE
     assert '0.40 m to the right of the path' in sent.result.message
     assert follow.statuses == {0: 'canceled'}
+
+
+def test_a_controller_waits_for_a_path_only_after_a_failure_and_not_for_ever(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again = (
+        '<RecoveryNode number_of_retries="1"><FollowPath path="{path}"/>'
+        '<SetBlackboard value="{none}" output_key="unused"/></RecoveryNode>'
+    )
+    lose = '<SetBlackboard value="{none}" output_key="path"/>'
+    follow = world.navigation.actions[names.FOLLOW_PATH]
+    how = {0: 'abort'}
+    monkeypatch.setattr(follow, 'answer', lambda number, sent: (how.get(number, 'succeed'), FollowPath.Result()))
+    inputs = {'path': path_of((0, 0), (5, 0)), 'none': Path()}
+    monkeypatch.setattr(motion_actions, 'PATH_SECONDS', 1e6)
+    run(world, f'<Repeat num_cycles="2"><Sequence>{again}{lose}</Sequence></Repeat>', **inputs)
+    assert [len(request.path.poses) for request in follow.goals] == [2, 2, 0]
+    follow.forget()
+    monkeypatch.setattr(motion_actions, 'PATH_SECONDS', 0.1)
+    run(world, again.replace('unused', 'path'), **inputs)
+    assert [len(request.path.poses) for request in follow.goals] == [2, 0]
 
 
 def publisher(world: World, message_type: type[Any], topic: str) -> Callable[[Any], None]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import random
 import threading
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
+from flexbt_server.nav2 import motion_actions
 from flexbt_server.navigators import activation
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world, pose
@@ -495,12 +497,18 @@ def test_bt_navigator_is_active_when_the_servers_of_the_default_tree_are_there(
             short.setattr(activation, 'ACTIVATION_SECONDS', 0.0)
             wait_until(lambda: manager.state() == 'active', 'the end of its patience')
         assert manager.change('deactivate') and manager.state() == 'inactive'
-        assert manager.change('activate') and manager.state() == 'activating'
+        assert manager.change('activate') and manager.state() == 'active'  # a manager does not ask twice
+        world.server.deactivate('was deactivated', 'is inactive', DEADLINE)
+        world.server.activate()
+        assert manager.state() == 'activating'
         world.navigation.serve({names.SMOOTH_PATH: SmoothPath})
         wait_until(lambda: manager.state() == 'active', 'the server that was missing')
 
 
-def test_a_controller_that_fails_while_there_is_no_path_gets_the_next_one(driving: Front) -> None:
+def test_a_controller_that_fails_while_there_is_no_path_gets_the_next_one(
+    driving: Front, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(motion_actions, 'PATH_SECONDS', 1e6)
     driving.world.client.load_tree(
         '<PipelineSequence><RateController hz="5"><RecoveryNode number_of_retries="1">'
         '<ComputePathToPose goal="{goal}" path="{path}"/><Wait/></RecoveryNode></RateController>'
@@ -517,6 +525,12 @@ def test_a_controller_that_fails_while_there_is_no_path_gets_the_next_one(drivin
     driving.follow.end(follows, 'abort')
     asked = partial(driving.world.client.get, 'again', blackboard=names.NAVIGATE_TO_POSE)
     wait_until(lambda: asked().entries, 'the controller, tried again')
+    (running,) = driving.world.server.goals.running.all()
+    assert running.run.tree is not None
+    (leaf,) = (node for node in running.run.tree.nodes if isinstance(node, motion_actions.FollowPath))
+    wait_until(lambda: leaf._rest_by < math.inf, 'the leaf that waits')
+    leaf._rest_by = 0.0  # as after a long time
+    wait_until(lambda: leaf._rest_by > 0.0, 'all its patience with what is still ending, when the path comes')
     driving.navigation.fail.clear()
     wait.end(wait.running[0])
     wait_until(lambda: driving.follow.running, 'the next path')
