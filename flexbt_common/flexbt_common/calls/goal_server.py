@@ -53,7 +53,7 @@ RESULT_SECONDS: Final = 30.0
 """How long the result of a goal can be asked for again, after an outage of the link."""
 
 _LIST_AFTER_SECONDS: Final = 0.02
-"""How much later than its news the list of goals is sent: who waits for a result need not unpack a list meanwhile."""
+"""How much later than a change the list of goals is sent: who waits for a result need not unpack a list meanwhile."""
 
 _LISTED_SECONDS: Final = 0.25
 """How long the list of goals tells of a goal that has ended."""
@@ -320,7 +320,7 @@ class _Server(OpenActionServer):
         self._length = 0
         self._runtime = runtime
         self._waiting: dict[bytes, list[Any]] = {}
-        self._has_news = False
+        self._has_changed = False
         self._holds_cancels = False
         self._held_cancels: deque[Any] = deque(maxlen=MOST_GOALS)
 
@@ -397,14 +397,14 @@ class _Server(OpenActionServer):
         self._length -= self._lengths.pop(goal_id, 0)
 
     def _list_soon(self) -> None:
-        if not self._has_news:
-            self._has_news = True
+        if not self._has_changed:
+            self._has_changed = True
             steady = self._runtime.steady
             steady.call_at(steady.now() + _LIST_AFTER_SECONDS, lambda: self._runtime.post(self._list))
 
     def _list(self) -> None:
-        if self._has_news:
-            self._has_news = False
+        if self._has_changed:
+            self._has_changed = False
             self.publish_list()
 
 

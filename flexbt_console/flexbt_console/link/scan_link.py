@@ -76,7 +76,7 @@ class ScanLink:
         self._is_due = True
         self._due: Timer | None = None
         self._scan: Any = None
-        self._give_up_at = math.inf
+        self._expires_at = math.inf
         self._shown: tuple[list[float], Rigid, Points] | None = None
         self._topic = names.of_robot(namespace, names.SCAN)
         fixed = functools.partial(self._on_transforms, is_static=True)
@@ -128,7 +128,7 @@ class ScanLink:
                 self._tell(f'left aside: {error}')
                 return
             self._scan = scan
-            self._give_up_at = min(self._give_up_at, self._runtime.steady.now() + PLACE_SECONDS)
+            self._expires_at = min(self._expires_at, self._runtime.steady.now() + PLACE_SECONDS)
         self._place()
 
     def _place(self) -> None:
@@ -143,12 +143,12 @@ class ScanLink:
             if self._shown is before:
                 period *= 2.0
         except (TransformError, ValueError) as error:
-            if steady.now() < self._give_up_at:
+            if steady.now() < self._expires_at:
                 if not (isinstance(error, TransformError) and error.is_early):
                     self._scan = None  # another one may have its place
                 return
             self._tell(f'the scan has no place on the map: {error}')
-        self._scan, self._is_due, self._give_up_at = None, False, math.inf
+        self._scan, self._is_due, self._expires_at = None, False, math.inf
         self._frames.clear()
         self._due = steady.call_at(steady.now() + period, lambda: self._runtime.post(self._ask))
 

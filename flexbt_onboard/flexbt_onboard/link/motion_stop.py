@@ -138,7 +138,7 @@ class MotionStop:
         if not self._unasked:
             self._cancel_all_of([name for name in self._servers() if name in _FRONT])
 
-    def give_up_cancels(self) -> None:
+    def drop_cancels(self) -> None:
         """Send no cancel any more that still waits for its server: it would end what is about to begin."""
         self._unasked = []
         for call in self._asked.values():

@@ -46,7 +46,7 @@ class RobotStop(Protocol):
     def cancel_others(self) -> None:
         """Cancel what other programs have sent the robot to do."""
 
-    def give_up_cancels(self) -> None:
+    def drop_cancels(self) -> None:
         """Send no cancel any more that still waits for its server."""
 
     def release(self) -> None:
@@ -70,7 +70,7 @@ class StopWatch:
     def begins(self) -> None:
         """A run begins. A server that has just been started may not have been asked yet to end what went on before."""
         self._leave()
-        self._robot.give_up_cancels()
+        self._robot.drop_cancels()
         self._robot.prepare()
 
     def halt_robot(self, is_running: bool) -> None:

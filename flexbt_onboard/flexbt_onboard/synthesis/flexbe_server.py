@@ -57,7 +57,7 @@ def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer, admission: Goal
             else:
                 refuse(goal, '\n'.join([answer.message, *answer.explanation]), code)
 
-        def news(doing: str, seconds: float) -> None:
+        def progress(doing: str, seconds: float) -> None:
             goal.publish_feedback(action.Feedback(status=sendable(doing), progress=0.0))
 
         asked = goal.request.request
@@ -71,7 +71,7 @@ def serve_flexbe(runtime: NodeRuntime, synthesizer: Synthesizer, admission: Goal
             is_kept=False,
         )
         try:
-            search = synthesizer.begin(request, news, end)
+            search = synthesizer.begin(request, progress, end)
         except CommandRefusedError as error:
             refuse(goal, str(error), _CODES[Verdict.WRONG])
         else:

@@ -76,11 +76,11 @@ class SynthesisServer:
             else:
                 (goal.succeed if answer.verdict is Verdict.MADE else goal.abort)(result)
 
-        def news(doing: str, seconds: float) -> None:
+        def progress(doing: str, seconds: float) -> None:
             goal.publish_feedback(SynthesizeBehavior.Feedback(doing=sendable(doing), seconds=seconds))
 
         try:
-            search = self._synthesizer.begin(_request(goal.request), news, end)
+            search = self._synthesizer.begin(_request(goal.request), progress, end)
         except CommandRefusedError as error:
             goal.abort(_refused(str(error)))
         else:

@@ -343,7 +343,7 @@ class Simulator:
                 self._tell_scene()
             for topics in self._robots.values():
                 moves = self._steps % (self._steps_per_odom if topics.is_busy else self._steps_per_rest) == 0
-                if moves or topics.has_news:
+                if moves or topics.has_messages:
                     messages += topics.messages(self.world.time, stamp, moves=moves)
         if messages or is_single or self._steps % per_clock == 0:
             # First, so that no message is from the future.

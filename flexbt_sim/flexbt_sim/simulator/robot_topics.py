@@ -260,7 +260,7 @@ class RobotTopics:
         )
 
     @property
-    def has_news(self) -> bool:
+    def has_messages(self) -> bool:
         """Whether there is something to say between two messages of odometry: a scan, a contact, what is late."""
         robot = self.robot
         return (

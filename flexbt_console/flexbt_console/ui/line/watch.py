@@ -22,12 +22,12 @@ def watch(mirror: Mirror, link: OperatorLink, *, as_json: bool, seconds: float |
     end = None if seconds is None else time.monotonic() + seconds
     is_settled = as_json  # people are told in its order what is latched beside the first status
 
-    def news(view: View) -> list[Event] | None:
+    def further_events(view: View) -> list[Event] | None:
         return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
 
     while True:
         left = None if end is None else max(0.0, end - time.monotonic())
-        events = link.wait_for(news, left)
+        events = link.wait_for(further_events, left)
         if events is None:
             break
         if not events:

@@ -284,7 +284,7 @@ class OperatorScreen(App[None]):
         views = [one.view for one in self._overview] or [view]
         self._attention.pending(views)
         if self._map.lose(view):
-            self.tell([Line('the question is gone; nothing was sent', Tone.WARNING)])
+            self.tell([Line('the decision is gone; nothing was sent', Tone.WARNING)])
         if isinstance(self.screen, Overview):
             self.screen.draw()
             return
@@ -547,7 +547,7 @@ class OperatorScreen(App[None]):
         text, decision = self._map.answer(view)
         try:
             if decision is None:
-                self._warn('the question is gone; nothing was sent')
+                self._warn('the decision is gone; nothing was sent')
             else:
                 self._carry_out(choose(text, view, self._make, decision), view)
         except ConsoleError as error:
