@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,16 +33,22 @@ def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadli
     What has taken long already is asked for less often, so that the time is known to a hundredth, and who waits leaves
     the processors to what is waited for.
 
+    A condition may look at the last of what has come, although nothing has: an IndexError counts as false.
+
     Raises:
         AssertionError: there was none in time; the text names ``what`` (which is called for it, if it can be).
     """
     start = time.monotonic()
     pause = threading.Event()
-    while not (value := condition()):
+    while True:
+        value = None
+        with suppress(IndexError):
+            value = condition()
+        if value:
+            return value
         waited = time.monotonic() - start
         assert waited < deadline, f'not within {deadline:g} s: {what() if callable(what) else what}'
         pause.wait(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE))
-    return value
 
 
 def uncontended_time() -> float:

@@ -64,7 +64,7 @@ class SynthesisBench(ExecutiveBench):
     @property
     def names(self) -> list[tuple[str, str]]:
         """Names and packages of the behaviors that operators see."""
-        return [(one.name, one.package) for one in self.lists[-1].behaviors] if self.lists else []
+        return [(one.name, one.package) for one in self.lists[-1].behaviors]
 
     def ask(self, **fields: Any) -> tuple[ActionCall, Future[Any]]:
         done: Future[Any] = Future()
