@@ -5,8 +5,7 @@ FlexbtError
 ├── ProxyError          a proxy was used against its rules, or what it asked for cannot be given
 │   └── NoResultError   a goal or request ended without anything that could be taken for a result
 ├── ShimError           FlexBE's modules cannot be stood in for
-├── FlexbeManifestError a behavior's manifest, or its source, cannot be used
-└── StateTestError      a file of FlexBE's tests cannot be used
+└── FlexbeManifestError a behavior's manifest, or its source, cannot be used
 """
 
 from __future__ import annotations
@@ -28,7 +27,3 @@ class ShimError(FlexbtError, ImportError):
 
 class FlexbeManifestError(FlexbtError):
     """A behavior's manifest, or the class that it names, cannot be used."""
-
-
-class StateTestError(FlexbtError):
-    """A file of FlexBE's tests cannot be used."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_flexbe import shim
+from flexbt_flexbe.errors import ShimError
 
 USE = """
 from flexbe_core import Autonomy, Behavior, EventState, Logger, OperatableStateMachine, StateLogger, set_node
@@ -83,3 +85,12 @@ def test_it_can_be_replaced_on_purpose_but_not_after_it_was_imported(flexbe: Pat
 def test_the_packages_are_those_that_the_shim_speaks_of() -> None:
     packages = {file.parent.name for file in shim.DIRECTORY.glob('*/__init__.py')}
     assert packages == {*shim.PACKAGES, 'flex_bt_flexbe_states'}
+
+
+def test_where_nothing_is_tested_its_test_cases_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(shim.DIRECTORY)
+    for module in ('flexbe_testing', 'flexbe_testing.py_tester'):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setitem(sys.modules, 'flexbt_testing.flexbe', None)
+    with pytest.raises(ShimError, match='install flexbt_testing where tests are run'):
+        importlib.import_module('flexbe_testing.py_tester')

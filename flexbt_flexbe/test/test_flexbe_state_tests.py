@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Path as RosPath
 
 from flexbt_flexbe import shim
-from flexbt_flexbe.errors import StateTestError
-from flexbt_flexbe.testing import read_state_test, run_state_test
+from flexbt_testing.flexbe import StateTestError, read_state_test, run_state_test
 from flexbt_testing.nodes.state_bench import StateBench
 
 PACKAGE = 'tested_flexbe_states'
@@ -224,7 +223,7 @@ def test_flexbes_test_cases_run_as_they_are_and_so_do_files_on_the_command_line(
     assert '2 failed, 1 passed' in done.stdout, done.stdout
     assert "its outcome is 'finished', not 'failed'" in done.stdout
     assert 'missing.test: No such file' in done.stdout
-    command = [sys.executable, '-m', 'flexbt_flexbe.testing', *map(str, sorted(folder.glob('*.test')))]
+    command = [sys.executable, '-m', 'flexbt_testing.flexbe', *map(str, sorted(folder.glob('*.test')))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.stdout.splitlines() == [
         f'passed  {folder}/right.test',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs files with tests of FlexBE's: ``python3 -m flexbt_flexbe.testing FILE.test ...``."""
+"""Runs files with tests of FlexBE's: ``python3 -m flexbt_testing.flexbe FILE.test ...``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbt_flexbe.errors import StateTestError
-from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.nodes import state_bench
 
-from .state_test_file import read_state_test
+from .state_test_file import StateTestError, read_state_test
 from .state_test_run import SECONDS, run_state_test
 
 
@@ -22,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     failed = 0
     for file in given.files:
-        bench = StateBench()
+        bench = state_bench.StateBench()
         try:
             problems = run_state_test(read_state_test(file), bench, given.timeout)
         except StateTestError as error:

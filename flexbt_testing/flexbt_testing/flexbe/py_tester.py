@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_flexbe.errors import StateTestError
-from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.nodes import state_bench
 
-from .state_test_file import read_state_test
+from .state_test_file import StateTestError, read_state_test
 from .state_test_run import SECONDS, run_state_test
 
 
@@ -51,7 +50,7 @@ class PyTester(unittest.TestCase):
 
     def setUp(self) -> None:
         """Makes a node."""
-        self._bench = StateBench()
+        self._bench = state_bench.StateBench()
         self.addCleanup(self._bench.close)
         self.node: Any = self._bench.runtime.node
 

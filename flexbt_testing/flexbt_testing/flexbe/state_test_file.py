@@ -15,7 +15,6 @@ import yaml
 from flexbt_common.values import from_plain, resolve_type
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError, compose_yaml, construct_yaml, read_text, shown
-from flexbt_flexbe.errors import StateTestError
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
 _NEEDS: Final = frozenset({'launch', 'data', 'wait_cond', 'require_launch_success'})
@@ -26,6 +25,10 @@ _MAPPING: Final = 'tag:yaml.org,2002:map'
 _OBJECT: Final = 'tag:yaml.org,2002:python/object/new:'
 _NO_WORD: Final = re.compile(r'\W')
 _MESSAGE: Final = re.compile(r'(?P<package>\w+)\.msg\._\w+\.(?P<name>\w+)')
+
+
+class StateTestError(FlexbtError):
+    """A file of FlexBE's tests cannot be used."""
 
 
 @dataclass(frozen=True)
