@@ -10,6 +10,7 @@ from hashlib import blake2b
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
+    BehaviorTreeError,
     Blackboard,
     NodeDefinition,
     NodeExecutionError,
@@ -123,7 +124,10 @@ TREE_LAYOUT: Final = Layout(
 def _is_unlimited(node: Any) -> bool:
     """Whether a node counts attempts to which there is no limit."""
     limit = getattr(node, 'limit', None)
-    return limit is not None and node.get_input(limit) == -1
+    try:
+        return limit is not None and node.get_input(limit) == -1
+    except PortError:
+        return False  # not written yet, or no number: the tick that needs it tells
 
 
 class TreeSystem:
@@ -456,15 +460,12 @@ def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
         yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
 
 
-_ABSENT_ENTRY: Final = ('never written', 'no such entry', 'has no entry')
-"""What the engine says of a key that is not there."""
-
-
 def _fault(error: NodeExecutionError) -> Violation:
     cause = error.__cause__
-    if isinstance(cause, PortError) and cause.is_absent:
+    if not (isinstance(cause, BehaviorTreeError) and cause.is_absent):
+        return Violation(Property.NO_FAULT, error.node_path, str(error))
+    text = str(error)
+    if isinstance(cause, PortError):
         what = f'{error.node_path} reads {{{cause.key}}} by its port {cause.port}'
         text = f'{what}, and there is nothing by that key: it was never written, or has been removed'
-        return Violation(Property.DATA, error.node_path, text)
-    is_data = isinstance(cause, PortError) or any(one in str(error) for one in _ABSENT_ENTRY)
-    return Violation(Property.DATA if is_data else Property.NO_FAULT, error.node_path, str(error))
+    return Violation(Property.DATA, error.node_path, text)

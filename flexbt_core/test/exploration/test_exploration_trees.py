@@ -244,6 +244,37 @@ def test_a_defect_is_found_and_replays(body: str, kind: Property, caplog: pytest
     assert not caplog.records, 'the report tells it all'
 
 
+NOTHING = 'and there is nothing by that key: it was never written, or has been removed'
+
+
+@pytest.mark.parametrize(
+    ('body', 'kind', 'text'),
+    [
+        ('<SetBlackboard value="{no}" output_key="to"/>', Property.DATA, f'reads {{no}} by its port value, {NOTHING}'),
+        (
+            '<LoopString queue="{no}" value="{it}"><Turn/></LoopString>',
+            Property.DATA,
+            f'reads {{no}} by its port queue, {NOTHING}',
+        ),
+        (
+            '<Repeat num_cycles="{no}"><Turn/></Repeat>',
+            Property.DATA,
+            f'reads {{no}} by its port num_cycles, {NOTHING}',
+        ),
+        ('<Script code="x := no + 1"/>', Property.DATA, 'the blackboard has no entry [no]'),
+        ('<Script code="x := y := (1..2)"/>', Property.DATA, 'an entry that was never written'),
+        ('<Turn _skipIf="no == 1"/>', Property.DATA, '_skipIf: the blackboard has no entry [no]'),
+        ('<Script code="x := \'text\' - 1"/>', Property.NO_FAULT, 'operator [-] does not apply to the text'),
+    ],
+)
+def test_what_is_absent_is_told_alike_by_ports_and_scripts_and_what_does_not_fit_is_a_fault(
+    body: str, kind: Property, text: str
+) -> None:
+    report = proved(f'<Sequence><UnsetBlackboard key="no"/>{body}</Sequence>')
+    (violation,) = {found.violation for found in report.counterexamples}
+    assert (violation.property, text in violation.text) == (kind, True), violation
+
+
 def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed() -> None:
     sound = (
         '<Enter door="front"/>',
@@ -314,6 +345,12 @@ def test_counters_without_a_limit_are_one_situation() -> None:
         '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="10"><IsSafe/></Delay></RetryUntilSuccessful>'
     )
     assert report.is_complete and report.configurations < 10
+
+
+def test_a_number_of_cycles_that_the_tree_writes_itself_is_kept_to() -> None:
+    report = proved('<Sequence><Turn/><Script code="n := 3"/><Repeat num_cycles="{n}"><Turn/></Repeat></Sequence>')
+    assert report.is_complete and report.holds, report.counterexamples
+    assert report.depth == 5  # the start, and the results of four turns
 
 
 FOR_EVER = (

@@ -59,7 +59,8 @@ class NodeScript(NamedTuple):
 
     def fault(self, node: TreeNode, error: ScriptError) -> NodeExecutionError:
         """The error of the node whose script has failed."""
-        return node.fault(ScriptError(error.script, error.offset, f'{self.attribute}: {error.reason}'))
+        reason = f'{self.attribute}: {error.reason}'
+        return node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
 
 
 class Conditions:

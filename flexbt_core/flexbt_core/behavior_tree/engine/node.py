@@ -243,10 +243,10 @@ class TreeNode(ABC):
                 raise self._port_error(port, str(error)) from error
         entry = self.blackboard.entry(value.key)
         if entry is None:
-            raise self._port_error(port, PortError.ABSENT[1])
+            raise self._port_error(port, 'the blackboard has no such entry', is_absent=True)
         content = entry.value
         if content is EMPTY:
-            raise self._port_error(port, PortError.ABSENT[0])
+            raise self._port_error(port, 'the entry was never written', is_absent=True)
         if declared is None:
             return content
         # Integers have bounds; those of an entry of the same type were kept when it was written.
@@ -338,9 +338,10 @@ class TreeNode(ABC):
             return declared.default
         raise self._port_error(port, 'it is not given in the XML, and has no default')
 
-    def _port_error(self, port: str, reason: str) -> PortError:
+    def _port_error(self, port: str, reason: str, *, is_absent: bool = False) -> PortError:
         value = self._values.get(port)
-        return PortError(self.path, self.id, port, None if value is None else value.key, reason, self.uid)
+        key = None if value is None else value.key
+        return PortError(self.path, self.id, port, key, reason, self.uid, is_absent=is_absent)
 
     # -- errors ------------------------------------------------------------------------------------------------------
 

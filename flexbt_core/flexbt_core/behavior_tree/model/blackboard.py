@@ -138,10 +138,10 @@ class Blackboard:
         """The value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
         entry = self.entry(key)
         if entry is None:
-            raise BlackboardError(f'missing key [{key}]')
+            raise BlackboardError(f'missing key [{key}]', is_absent=True)
         value = entry.value
         if value is EMPTY:
-            raise BlackboardError(f'entry [{key}] was declared but never written')
+            raise BlackboardError(f'entry [{key}] was declared but never written', is_absent=True)
         return value
 
     def get_or(self, key: str, default: Any) -> Any:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
 
 from flexbt_core.values import excerpt
 
@@ -26,7 +25,14 @@ from .failure_trace import FailureStep, FailureTrace
 
 
 class BehaviorTreeError(Exception):
-    """Base of all errors of the engine."""
+    """Base of all errors of the engine.
+
+    ``is_absent``: what was to be read is not on the blackboard, or was never written.
+    """
+
+    def __init__(self, *args: object, is_absent: bool = False) -> None:
+        super().__init__(*args)
+        self.is_absent = is_absent
 
 
 class RegistrationError(BehaviorTreeError):
@@ -74,13 +80,19 @@ class PortError(BehaviorTreeError):
     """A port of a node cannot be read or written.
 
     ``key`` is the blackboard key that the port points to, or None when it holds a literal or is not given.
-    ``is_absent``: there is nothing by that key.
     """
 
-    ABSENT: Final = ('the entry was never written', 'the blackboard has no such entry')
-    """Reasons of those that read what is not there."""
-
-    def __init__(self, node_path: str, node_id: str, port: str, key: str | None, reason: str, uid: int = 0) -> None:
+    def __init__(
+        self,
+        node_path: str,
+        node_id: str,
+        port: str,
+        key: str | None,
+        reason: str,
+        uid: int = 0,
+        *,
+        is_absent: bool = False,
+    ) -> None:
         self.node_path = node_path
         self.node_id = node_id
         self.uid = uid
@@ -88,11 +100,7 @@ class PortError(BehaviorTreeError):
         self.key = key
         self.reason = reason
         pointer = f' (blackboard key [{key}])' if key is not None else ''
-        super().__init__(f'port [{port}]{pointer} of {node_id} at [{node_path}]: {reason}')
-
-    @property
-    def is_absent(self) -> bool:
-        return self.reason in self.ABSENT
+        super().__init__(f'port [{port}]{pointer} of {node_id} at [{node_path}]: {reason}', is_absent=is_absent)
 
 
 class ScriptError(BehaviorTreeError):
@@ -101,7 +109,7 @@ class ScriptError(BehaviorTreeError):
     ``script`` is its text, ``offset`` the place in it, counted from 0, and ``reason`` what is wrong there.
     """
 
-    def __init__(self, script: str, offset: int, reason: str) -> None:
+    def __init__(self, script: str, offset: int, reason: str, *, is_absent: bool = False) -> None:
         self.script = script
         self.offset = offset
         self.reason = reason
@@ -109,7 +117,7 @@ class ScriptError(BehaviorTreeError):
         line = before.count('\n') + 1
         column = offset - (before.rfind('\n') + 1) + 1
         where = f'line {line}, column {column}' if '\n' in script else f'column {column}'
-        super().__init__(f'{reason} ({where} of the script [{excerpt(script, 200)}])')
+        super().__init__(f'{reason} ({where} of the script [{excerpt(script, 200)}])', is_absent=is_absent)
 
 
 class NodeExecutionError(BehaviorTreeError):

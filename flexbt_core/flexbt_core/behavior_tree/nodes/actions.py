@@ -122,7 +122,7 @@ class SetBlackboard(SyncAction):
         board = self.blackboard
         copied = board.entry(source)
         if copied is None:
-            raise self._port_error('value', 'the blackboard has no such entry')
+            raise self._port_error('value', 'the blackboard has no such entry', is_absent=True)
         if board.entry(key) is None:
             board.declare(key, copied.type)
         value = copied.value

@@ -158,7 +158,8 @@ class Loop(DecoratorNode):
         if isinstance(content, list | tuple):
             return content
         if content is None:
-            raise self._port_error('queue', 'the blackboard has no such entry, or it was never written')
+            reason = 'the blackboard has no such entry, or it was never written'
+            raise self._port_error('queue', reason, is_absent=True)
         if not isinstance(content, str):
             kind = type(content).__name__
             raise self._port_error('queue', f'a queue is a deque, a list, a tuple or a text, not a {kind}')

@@ -75,7 +75,7 @@ class CompiledScript:
         try:
             return truth(value)
         except ConversionError as error:
-            raise ScriptError(self.text, _offset(self.statements[-1]), str(error)) from None
+            raise ScriptError(self.text, _offset(self.statements[-1]), str(error), is_absent=error.is_absent) from None
 
 
 SCRIPT: Final = PortType('script', CompiledScript)

@@ -9,7 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from flexbt_core.behavior_tree.model import MISSING, Blackboard, BlackboardError, ConversionError, Entry, ScriptError
+from flexbt_core.behavior_tree.model import (
+    MISSING,
+    BehaviorTreeError,
+    Blackboard,
+    BlackboardError,
+    ConversionError,
+    Entry,
+    ScriptError,
+)
 
 from .parser import Assignment, Binary, Comparison, Conditional, Expression, Literal, Name, Unary
 from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare
@@ -26,6 +34,10 @@ class Scope:
 
 
 Closure = Callable[[Scope], Value]
+
+
+def _missing(key: str, remedy: str = '') -> BlackboardError:
+    return BlackboardError(f'the blackboard has no entry [{key}]{remedy}', is_absent=True)
 
 
 class ClosureCompiler:
@@ -59,8 +71,8 @@ class ClosureCompiler:
             case Assignment():
                 return self._assignment(expression)
 
-    def _fault(self, offset: int, reason: object) -> ScriptError:
-        return ScriptError(self._script, offset, str(reason))
+    def _fault(self, offset: int, error: BehaviorTreeError, where: str = '') -> ScriptError:
+        return ScriptError(self._script, offset, f'{where}{error}', is_absent=error.is_absent)
 
     def _index(self, key: str) -> int:
         return self._indices.setdefault(key, len(self._indices))
@@ -78,7 +90,7 @@ class ClosureCompiler:
             if not entry.present:
                 found = scope.board.entry(name)
                 if found is None:
-                    raise self._fault(offset, f'the blackboard has no entry [{name}]')
+                    raise self._fault(offset, _missing(name))
                 scope.entries[index] = entry = found
             return entry.value
 
@@ -166,7 +178,7 @@ class ClosureCompiler:
                     if result.__class__ is str and len(result) > SMALL_TEXT:
                         check_room(board, result)
                 except ConversionError as error:
-                    raise self._fault(offset, f'entry [{key}]: {error}') from None
+                    raise self._fault(offset, error, f'entry [{key}]: ') from None
                 entry.write(result)
             return result
 
@@ -179,7 +191,7 @@ class ClosureCompiler:
         if entry is not None:
             return entry
         if symbol != ':=':
-            raise self._fault(offset, f'the blackboard has no entry [{key}]; create it by [:=]')
+            raise self._fault(offset, _missing(key, '; create it by [:=]'))
         try:
             return board.declare(key, None)
         except BlackboardError as error:

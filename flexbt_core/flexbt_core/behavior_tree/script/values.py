@@ -57,6 +57,10 @@ def kind_of(value: Value) -> str:
     return f'a value of type {type(value).__name__}'
 
 
+def _refused(reason: str, value: Value) -> ConversionError:
+    return ConversionError(reason, is_absent=value is EMPTY)
+
+
 def is_number(value: Value) -> bool:
     return isinstance(value, _NUMBERS)
 
@@ -68,7 +72,7 @@ def real(value: Value) -> float:
     if value.__class__ is int and -_SMALL <= value <= _SMALL:
         return float(value)
     if not is_number(value):
-        raise ConversionError(f'{kind_of(value)} is no number')
+        raise _refused(f'{kind_of(value)} is no number', value)
     number: float = cast(value, DOUBLE)
     return number
 
@@ -86,7 +90,7 @@ def truth(value: Value) -> bool:
     if value.__class__ is float and value >= 0.0:
         return bool(value)
     if not is_number(value):
-        raise ConversionError(f'{kind_of(value)} is neither true nor false; compare it with something')
+        raise _refused(f'{kind_of(value)} is neither true nor false; compare it with something', value)
     result: bool = cast(value, BOOL)
     return result
 
@@ -106,7 +110,7 @@ def number_of_text(text: str, enums: Mapping[str, int]) -> float:
 
 def _one_number(value: Value, symbol: str) -> float:
     if not is_number(value):
-        raise ConversionError(f'operator [{symbol}] needs a number, not {kind_of(value)}')
+        raise _refused(f'operator [{symbol}] needs a number, not {kind_of(value)}', value)
     return real(value)
 
 
@@ -134,7 +138,7 @@ UNARY: Final[Mapping[str, Callable[[Value], Value]]] = {'-': negate, '~': comple
 def _mismatch(left: Value, right: Value, symbol: str) -> ConversionError:
     for side, value in (('left', left), ('right', right)):
         if value is EMPTY:
-            return ConversionError(f'the {side} operand of [{symbol}] is an entry that was never written')
+            return _refused(f'the {side} operand of [{symbol}] is {kind_of(value)}', value)
     hint = '; join texts with numbers by ..' if symbol == '+' else ''
     return ConversionError(f'operator [{symbol}] does not apply to {kind_of(left)} and {kind_of(right)}{hint}')
 
@@ -282,11 +286,11 @@ def check_room(board: Blackboard, text: str) -> None:
 def assigned(entry: Entry, symbol: str, value: Value, enums: Mapping[str, int]) -> Value:
     """What ``entry`` holds after ``entry symbol value``: the value, in the form that fits the entry."""
     if value is EMPTY:
-        raise ConversionError(f'the right operand of [{symbol}] is an entry that was never written')
+        raise _refused(f'the right operand of [{symbol}] is {kind_of(value)}', value)
     if symbol in (':=', '='):
         return _fitted(entry, value, enums)
     if entry.value is EMPTY:
-        raise ConversionError(f'the left operand of [{symbol}] is an entry that was never written')
+        raise _refused(f'the left operand of [{symbol}] is {kind_of(entry.value)}', entry.value)
     return _copied(entry, BINARY[symbol[0]](entry.value, value))
 
 
