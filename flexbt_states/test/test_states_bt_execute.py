@@ -23,8 +23,8 @@ from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_states import BtExecuteGoalState, BtExecuteState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer, ends
-from flexbt_testing.nodes.state_bench import DEADLINE, StateBench
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 RESULT = BtExecute.Result
 

@@ -18,8 +18,8 @@ from flexbt_states import (
     WaitState,
 )
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.nodes.state_bench import DEADLINE, StateBench
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 def test_wait_waits_for_its_time_on_the_clock_of_the_node(bench: StateBench) -> None:

@@ -21,9 +21,9 @@ from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_states import BtExecuteState
-from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 STOP = ExecutiveCommand.STOP
 WAYS = {'done': 'ended', 'failed': 'ended', 'canceled': 'ended'}

@@ -17,8 +17,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
-from flexbt_testing.nodes.state_bench import DEADLINE, StateBench
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 class Peer:

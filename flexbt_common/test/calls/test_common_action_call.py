@@ -19,9 +19,8 @@ from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalO
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
-DEADLINE = 60.0
 APPEARS = 10.0  # wall time for the server to be discovered on a busy machine
 
 

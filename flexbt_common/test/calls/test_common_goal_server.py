@@ -32,9 +32,7 @@ from flexbt_common.calls import (
 )
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, is_usable
-from flexbt_testing.waiting import wait_until
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 ours = pytest.mark.skipif(
     not is_usable(ACTION_SERVER), reason="rclpy's own server lists, keeps and mends in its own way"

@@ -22,8 +22,8 @@ from flexbt_common.calls import (
     service_outcome,
 )
 from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.waiting import DEADLINE
 
-DEADLINE = 60.0
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}
 
 

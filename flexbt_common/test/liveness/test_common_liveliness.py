@@ -31,9 +31,8 @@ from flexbt_common.liveness import (
 from flexbt_common.liveness.liveliness import REPEAT_SECONDS
 from flexbt_common.runtime import Hang, NodeRuntime
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
-DEADLINE = 60.0
 PROGRAM = """
 import sys
 from flexbt_common.liveness.liveliness import LivelinessToken

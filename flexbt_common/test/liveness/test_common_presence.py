@@ -14,9 +14,8 @@ from flexbt_common import names
 from flexbt_common.liveness import PresenceToken, PresenceWatch, presence
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import PeerStatus
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
-DEADLINE = 60.0
 LEASE = 1.0
 AT_ONCE = 0.4
 

@@ -13,7 +13,7 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import CodeType
 from typing import Any
 
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 class ChangedSource(SourceFileLoader):

@@ -30,8 +30,7 @@ from flexbt_common.runtime import LatestMessage
 from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, node_executor
 from flexbt_common.runtime.rclpy_private import SWITCH
 from flexbt_msgs.srv import ControlTree
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 class Bench:

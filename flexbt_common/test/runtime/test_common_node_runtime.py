@@ -14,9 +14,8 @@ from std_msgs.msg import Empty
 
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import DEADLINE, uncontended_time
 
-DEADLINE = 60.0
 PROGRAM = """
 import sys
 from flexbt_common.runtime.node_runtime import run_node

@@ -21,9 +21,7 @@ from flexbt_common.runtime import HeardTime, NodeRuntime, is_usable
 from flexbt_common.runtime.rclpy_private import EXECUTOR
 from flexbt_common.runtime.simulated_time import LONGEST_WAIT
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
-from flexbt_testing.waiting import wait_until
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 class Simulation:

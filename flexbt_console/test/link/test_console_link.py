@@ -35,9 +35,7 @@ from flexbt_msgs.msg import (
 )
 from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
-from flexbt_testing.waiting import uncontended_time, wait_until
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executives: Any) -> None:

@@ -39,9 +39,7 @@ from flexbt_console.recording.topics import TOPICS
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_testing.system.fork_server import ForkedProcess
 from flexbt_testing.system.python_process import logged_python_process
-from flexbt_testing.waiting import wait_until
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 class Station:

@@ -20,8 +20,8 @@ import pytest
 
 from flexbt_console.ui.interaction import REACTION_SECONDS
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
+from flexbt_testing.waiting import DEADLINE
 
-DEADLINE = 60.0
 COLOUR = re.compile(rb'\x1b\[[0-9;]*(3[0-7]|9[0-7]|38;[0-9;]*)m')
 
 

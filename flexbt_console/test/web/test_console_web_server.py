@@ -23,8 +23,7 @@ from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
 from flexbt_console.ui.web.run import MOST_CONNECTIONS
 from flexbt_console.ui.web.server import MOST_GREETING
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 class Page:

@@ -22,8 +22,8 @@ from flexbt_core.state_machine import (
 )
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 from flexbt_onboard.runs import LIMIT, CallbackWatch, HeldUp
-from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 _CALLBACKS = ('on_enter', 'execute', 'on_exit', 'halting', 'activity')
 

@@ -42,8 +42,8 @@ from flexbt_msgs.msg import (
 from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher, clock_senders
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
-from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 class Hold(EventState):

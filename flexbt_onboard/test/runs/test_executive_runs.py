@@ -22,8 +22,8 @@ from flexbt_core.state_machine import (
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StateStructure
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, state_services
 from flexbt_onboard.runs import BehaviorRun
-from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 START, STOP = ExecutiveCommand.START, ExecutiveCommand.STOP
 IDLE, STARTING, RUNNING, STOPPING = (

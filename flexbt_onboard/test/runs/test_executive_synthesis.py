@@ -26,8 +26,8 @@ from flexbt_onboard.node import ExecutiveParameters
 from flexbt_onboard.synthesis import MachineStore
 from flexbt_onboard.synthesis.machine_store import MOST_MACHINES
 from flexbt_onboard.synthesis.search_process import SearchProcess
-from flexbt_testing.nodes.executive_bench import DEADLINE, ExecutiveBench, behavior_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = SynthesizeBehavior.Result
 

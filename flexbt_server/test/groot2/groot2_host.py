@@ -30,8 +30,7 @@ from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, TeeLog, pro
 from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 def tell(line: str) -> None:

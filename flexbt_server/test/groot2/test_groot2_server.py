@@ -24,8 +24,8 @@ from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.groot2.watched_tree import RECORDED, clock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
 from flexbt_testing.system.free_ports import free_pair
+from flexbt_testing.waiting import DEADLINE
 
-DEADLINE = 60.0
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
 <SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>
 <BehaviorTree ID="Two"><Sequence><Script code="y := x"/><AlwaysSuccess/></Sequence></BehaviorTree></root>"""

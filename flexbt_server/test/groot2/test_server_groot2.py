@@ -26,9 +26,9 @@ from flexbt_server.groot2 import LogWriter, read_log
 from flexbt_server.groot2.protocol import RequestType, request_header
 from flexbt_server.node import BtServer
 from flexbt_server.runs import run_logs
-from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
+from flexbt_testing.nodes.server_world import World, open_world, pose
 from flexbt_testing.system.free_ports import free_pair
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
 BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep msec="1"/></Sequence>'

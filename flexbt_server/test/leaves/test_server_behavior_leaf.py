@@ -12,8 +12,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.server_world import DEADLINE, World, open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, open_world
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 RESULT = ExecuteBehavior.Result

@@ -14,8 +14,8 @@ from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.nodes.server_world import DEADLINE, World, open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, open_world
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 

@@ -32,8 +32,8 @@ from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.nav2 import motion_actions
 from flexbt_server.trees import RECOVERIES_KEY
-from flexbt_testing.nodes.server_world import DEADLINE, ON_DEMAND, World, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import ON_DEMAND, World, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 

@@ -17,8 +17,8 @@ from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, install_nodes, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 

@@ -18,8 +18,8 @@ from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 

@@ -29,8 +29,8 @@ from flexbt_server.errors import ServerParameterError
 from flexbt_server.nav2 import motion_actions
 from flexbt_server.navigators import activation
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, document, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 NAVIGATORS = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
 GOAL_OUTSIDE_MAP = 204

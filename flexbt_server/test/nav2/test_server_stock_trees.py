@@ -19,8 +19,8 @@ from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.server_world import DEADLINE, ON_DEMAND, World, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import ON_DEMAND, World, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 

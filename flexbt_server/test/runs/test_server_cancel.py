@@ -23,8 +23,8 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.trees import FoundTree, TreeStore
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, document, install_nodes, open_world
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
 

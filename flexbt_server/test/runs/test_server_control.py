@@ -23,8 +23,8 @@ from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world, pose
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.nodes.server_world import World, install_nodes, open_world, pose
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
 PAUSE, RESUME, STEP = ControlTree.Request.PAUSE, ControlTree.Request.RESUME, ControlTree.Request.STEP

@@ -22,8 +22,8 @@ from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, document, install_nodes, open_world, pose
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world, pose
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
 PLAN = '<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>'

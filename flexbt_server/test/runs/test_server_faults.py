@@ -32,7 +32,6 @@ from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import (
-    DEADLINE,
     Client,
     Navigation,
     World,
@@ -40,7 +39,7 @@ from flexbt_testing.nodes.server_world import (
     install_nodes,
     open_world,
 )
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
 

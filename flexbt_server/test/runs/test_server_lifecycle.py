@@ -27,9 +27,9 @@ from flexbt_msgs.srv import ControlTree
 from flexbt_server.goals import tree_reader
 from flexbt_server.node import BtServer, declare_parameters
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.nodes.server_world import DEADLINE, Client, Navigation, document
+from flexbt_testing.nodes.server_world import Client, Navigation, document
 from flexbt_testing.pytest_plugin import entities_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 ACTIONS = {names.BT_LOADER, names.BT_EXECUTOR, names.BT_GET_DATA, names.BT_SET_DATA}

@@ -26,8 +26,8 @@ from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, document, install_nodes, open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '700'))
 SEED = int(os.environ.get('FLEXBT_MODEL_SEED', '0'))

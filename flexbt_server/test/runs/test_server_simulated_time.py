@@ -15,8 +15,8 @@ from flexbt_common.calls import SentGoal
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes import server_nodes
-from flexbt_testing.nodes.server_world import DEADLINE, World, install_nodes, open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, install_nodes, open_world
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 FOREVER = '<Sleep msec="1000000000"/>'

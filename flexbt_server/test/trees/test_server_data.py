@@ -16,8 +16,8 @@ from flexbt_common.values import Encoding, from_entry, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_server.trees import TreeStore
-from flexbt_testing.nodes.server_world import DEADLINE, World, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.server_world import World, open_world, pose
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 @pytest.fixture(scope='module')

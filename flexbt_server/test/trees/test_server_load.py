@@ -11,8 +11,8 @@ import pytest
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
-from flexbt_testing.nodes.server_world import DEADLINE, World, document, open_world
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.nodes.server_world import World, document, open_world
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtLoad.Result
 MUCH = 1_000_000

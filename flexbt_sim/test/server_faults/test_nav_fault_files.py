@@ -18,8 +18,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator import Simulator
-from flexbt_testing.nodes.sim_world import DEADLINE, FAST, open_probe, open_simulator, without_faults
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.nodes.sim_world import FAST, open_probe, open_simulator, without_faults
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 def test_without_navigation_nobody_carries_it_out() -> None:

@@ -21,7 +21,6 @@ from flexbt_sim.server_common import PoseWatch, robot_interface
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import (
-    DEADLINE,
     DOCK,
     FAST,
     OFFICE,
@@ -32,7 +31,7 @@ from flexbt_testing.nodes.sim_world import (
     open_simulator,
     without_faults,
 )
-from flexbt_testing.waiting import contended_time, uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, contended_time, uncontended_time, wait_until
 
 EAST = (11.2, 4.45)
 BRAKING = DriveModel().linear_speed / DriveModel().linear_acceleration

@@ -15,8 +15,8 @@ import pytest
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import duration_message
-from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, Probe, line, open_world
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
+from flexbt_testing.waiting import DEADLINE, uncontended_time
 
 
 @pytest.fixture

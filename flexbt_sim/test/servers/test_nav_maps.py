@@ -23,7 +23,6 @@ from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
 from flexbt_testing.nodes.sim_world import (
-    DEADLINE,
     DOCK,
     FAST,
     OFFICE,
@@ -33,7 +32,7 @@ from flexbt_testing.nodes.sim_world import (
     open_navigation,
     open_simulator,
 )
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Plan = ComputePathToPose.Result
 EAST = (11.2, 4.45)

@@ -17,7 +17,8 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_common.values import seconds_of
 from flexbt_sim.ros_messages import pose_of
-from flexbt_testing.nodes.sim_world import DEADLINE, DOCK, OFFICE, Probe, aborted, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, open_world, pose
+from flexbt_testing.waiting import DEADLINE
 
 Result = ComputePathToPose.Result
 Through = ComputePathThroughPoses.Result

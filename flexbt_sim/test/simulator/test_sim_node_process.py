@@ -12,9 +12,7 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import uncontended_time
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE, uncontended_time
 
 
 def start(executable: str, *settings: str) -> subprocess.Popen[str]:

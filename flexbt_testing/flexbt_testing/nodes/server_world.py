@@ -40,8 +40,6 @@ from flexbt_server.node import BtServer
 
 from .scripted_action_server import Answer, ScriptedActionServer
 
-DEADLINE = 60.0
-
 
 def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:
     """A pose in the map."""

@@ -40,11 +40,10 @@ from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator
 
-from ..waiting import MESSAGE_BYTES
+from ..waiting import DEADLINE, MESSAGE_BYTES
 
 T = TypeVar('T')
 
-DEADLINE = 60.0
 
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""

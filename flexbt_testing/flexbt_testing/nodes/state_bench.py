@@ -13,10 +13,9 @@ from flexbt_onboard.behaviors import Behavior, BehaviorEntry, BehaviorManifest, 
 from flexbt_onboard.durability import Decided
 from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, RunSnapshot
 
-from ..waiting import wait_until
+from ..waiting import DEADLINE, wait_until
 from .scripted_action_server import Script, ScriptedActionServer
 
-DEADLINE = 60.0
 """Seconds within which what a test waits for has to happen, on a busy machine too."""
 
 

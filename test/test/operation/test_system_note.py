@@ -19,8 +19,8 @@ from flexbt_console.recording.run_file import read_run
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack, executable
+from flexbt_testing.waiting import DEADLINE
 
-DEADLINE = 60.0
 NOTE = 'the floor is wet \x1b[2J'
 
 

@@ -26,9 +26,9 @@ from flexbt_common.calls import GoalStatus, SentGoal
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
-from flexbt_testing.nodes.sim_world import DEADLINE, Probe, open_probe, pose
+from flexbt_testing.nodes.sim_world import Probe, open_probe, pose
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 class Tree(NamedTuple):

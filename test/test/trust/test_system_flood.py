@@ -16,9 +16,8 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import Command, CommandKind, CommandState, ExecutiveState, Mirror, View
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
-DEADLINE = 60.0
 MEMORY = 150_000_000
 """Bytes that a flood may cost at most: the large messages that wait to be taken."""
 
