@@ -33,6 +33,7 @@ import math
 import os
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any, Final
@@ -45,7 +46,14 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates
+from flexbt_common.runtime import (
+    UNKNOWN_WRITER,
+    NodeRuntime,
+    Received,
+    ReceivedMessages,
+    SenderRates,
+    participant_of,
+)
 from flexbt_common.values import check_limits
 from flexbt_core.clock import Timer
 from flexbt_core.values import one_line, sendable
@@ -90,6 +98,9 @@ _STATUS_BURST: Final = 100
 
 _WORDLESS_SECONDS: Final = 3.0 * REPEAT_SECONDS
 """For so long an assertion stands for a word, s: where the middleware has not told that they stopped."""
+
+_PROCESSES: Final = 16
+"""Of the processes that have held a token, so many are known."""
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
@@ -305,6 +316,11 @@ class LivelinessWatch:
         """Whether the node is alive and not late, and has said that it is ready."""
         return self.alive is True and not self.late and self._token.says_ready
 
+    def has_ended(self, writer: bytes) -> bool:
+        """Whether a writer of this node, on any topic, is of a process that has ended for certain, which the middleware
+        tells only when the lease of its participant is over."""
+        return self._token.has_ended(writer)
+
     def close(self) -> None:
         """Stop watching; nothing is called any more. From any thread."""
         self._runtime.post(self._close)
@@ -374,6 +390,7 @@ class _SeenToken:
         self.problem = ''
         self.listeners: list[Callable[[], None]] = []
         self._identity: ProcessIdentity | None = None
+        self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
         self._is_asserted = False
         self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
@@ -394,6 +411,11 @@ class _SeenToken:
         """Whether it is alive, or was found."""
         return self.alive is True or self._unheard
 
+    def has_ended(self, writer: bytes) -> bool:
+        """See :meth:`LivelinessWatch.has_ended`."""
+        process = self._processes.get(participant_of(writer))
+        return process is not None and process.has_ended()
+
     def _receive(self, received: Received) -> None:
         if not self._rates.allows(received.participant):
             self._messages.blame(received)
@@ -405,10 +427,15 @@ class _SeenToken:
             logger = self._runtime.node.get_logger()
             logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=5.0)
             return
-        self._hear(status)
-
-    def _hear(self, status: DiagnosticStatus) -> None:
         identity = _identity_of(status)
+        if received.writer != UNKNOWN_WRITER:
+            self._processes[received.participant] = identity
+            self._processes.move_to_end(received.participant)
+            if len(self._processes) > _PROCESSES:
+                self._processes.popitem(last=False)
+        self._hear(status, identity)
+
+    def _hear(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
         if self.alive and identity != self._identity:  # another one has taken its place, before it was missed
             self._leave()
         if status.level == DiagnosticStatus.ERROR:

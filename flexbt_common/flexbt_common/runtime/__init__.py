@@ -14,7 +14,15 @@ from .rclpy_private import (
     is_usable,
     let_go_of_lifecycle,
 )
-from .received_messages import UNKNOWN_NODE, UNKNOWN_WRITER, Received, ReceivedMessages, tells_writers, writer_name
+from .received_messages import (
+    UNKNOWN_NODE,
+    UNKNOWN_WRITER,
+    Received,
+    ReceivedMessages,
+    participant_of,
+    tells_writers,
+    writer_name,
+)
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
@@ -46,6 +54,7 @@ __all__ = [
     'ignore_participant',
     'is_usable',
     'let_go_of_lifecycle',
+    'participant_of',
     'refuse_while_configured',
     'resolve_file',
     'run_node',

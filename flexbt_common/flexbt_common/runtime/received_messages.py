@@ -27,7 +27,15 @@ from .ignored_participant import ignore_participant
 from .loaded_library import loaded_function
 from .rclpy_private import EXECUTOR, is_usable
 
-__all__ = ['UNKNOWN_NODE', 'UNKNOWN_WRITER', 'Received', 'ReceivedMessages', 'tells_writers', 'writer_name']
+__all__ = [
+    'UNKNOWN_NODE',
+    'UNKNOWN_WRITER',
+    'Received',
+    'ReceivedMessages',
+    'participant_of',
+    'tells_writers',
+    'writer_name',
+]
 
 UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
 """What rmw calls the node of an endpoint that it has just discovered."""
@@ -62,10 +70,8 @@ class Received:
 
     @property
     def participant(self) -> bytes:
-        """Identifies the participant of the domain that the writer belongs to, so the process or a part of it: the
-        first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a middleware that is not DDS, no two writers have the same.
-        """
-        return self.writer[:12]
+        """Identifies the participant of the domain that the writer belongs to, so the process or a part of it."""
+        return participant_of(self.writer)
 
     def unpack(self, message_type: type[Any]) -> Any:
         """The message.
@@ -165,6 +171,12 @@ class ReceivedMessages:
                 f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '
                 'too large); nothing more is heard of its process until this one is started again'
             )
+
+
+def participant_of(writer: bytes) -> bytes:
+    """The participant of the domain that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a
+    middleware that is not DDS, no two writers have the same."""
+    return writer[:12]
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:

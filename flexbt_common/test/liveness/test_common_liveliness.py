@@ -29,7 +29,7 @@ from flexbt_common.liveness import (
     liveliness,
 )
 from flexbt_common.liveness.liveliness import REPEAT_SECONDS
-from flexbt_common.runtime import Hang, NodeRuntime
+from flexbt_common.runtime import Hang, NodeRuntime, tells_writers
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
@@ -79,6 +79,12 @@ def latest() -> float:
     return uncontended_time() + max(LEASE_SECONDS, STARTED + START_SECONDS - time.monotonic()) + 1.5
 
 
+def alive_writers(runtime: NodeRuntime) -> set[bytes]:
+    """Those of the token's topic that the middleware takes for alive, also those that were killed lately."""
+    endpoints = runtime.node.get_publishers_info_by_topic('/robot1/living/alive')
+    return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
+
+
 def test_the_clock_goes_on_while_a_token_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     with NodeRuntime.open('living') as runtime:
         token, late, was_told = LivelinessToken(runtime), threading.Event(), []
@@ -105,15 +111,22 @@ def test_death_and_return_are_noticed(name: str) -> None:
             return watch.alive
 
         assert shown() is None
+        ended: set[bytes] = set()
         for how in (signal.SIGKILL, signal.SIGTERM):
             with start() as process:
                 assert changes.get(timeout=DEADLINE)[0] is True
                 assert shown() is True
+                (token,) = alive_writers(runtime) - ended
+                assert not watch.has_ended(token)
                 limit = latest()
                 process.send_signal(how)
                 alive, noticed = changes.get(timeout=DEADLINE)
                 assert not alive and shown() is False
                 assert noticed < limit
+                ended.add(token)
+                if tells_writers():
+                    process.wait(DEADLINE)
+                    assert all(map(watch.has_ended, ended))
         watch.close()
         runtime.call(changes.queue.clear)
         with start() as process:

@@ -5,6 +5,16 @@ from .clock import Clock, ManualClock, SteadyClock, Timer
 from .timer_queue import TimerQueue
 from .told_when_late import told_when_late
 from .wake_event import WakeEvent
-from .work_thread import WorkThread
+from .work_thread import LateWork, WorkThread
 
-__all__ = ['Clock', 'ManualClock', 'SteadyClock', 'Timer', 'TimerQueue', 'WakeEvent', 'WorkThread', 'told_when_late']
+__all__ = [
+    'Clock',
+    'LateWork',
+    'ManualClock',
+    'SteadyClock',
+    'Timer',
+    'TimerQueue',
+    'WakeEvent',
+    'WorkThread',
+    'told_when_late',
+]

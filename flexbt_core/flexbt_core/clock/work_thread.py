@@ -4,20 +4,38 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
 
 from .clock import Clock
-from .told_when_late import told_when_late
 
 Work = Callable[[], object]
+
+_WORKING: Final = 0.02
+"""Who uses so much of a processor does not wait for a disk; on a busy computer it is not more."""
+
+_LOOKS: Final = 12
+"""After so many times what should have sufficed, it is no use any more that the thread works: it may be in a loop."""
+
+
+@dataclass(frozen=True)
+class LateWork:
+    """What was not done, within how many seconds, and whether it is being worked at: it is slow, and does not hang."""
+
+    what: str
+    seconds: float
+    is_slow: bool
 
 
 class WorkThread:
     """Does what it is given, one after the other, until :meth:`close`; from any thread.
 
-    ``on_late`` is told on the thread of ``clock`` what has taken longer than ``seconds``, and on this one, with '',
-    that it is done. ``on_fault`` is told, on this thread, what a piece of work has raised.
+    ``on_late`` is told on the thread of ``clock`` what has taken longer than ``seconds``, again when what was slow
+    hangs, or the other way round, and on this one, with None, that it is done. ``on_fault`` is told, on this thread,
+    what a piece of work has raised.
     """
 
     def __init__(
@@ -25,7 +43,7 @@ class WorkThread:
         name: str,
         clock: Clock,
         seconds: float,
-        on_late: Callable[[str], object],
+        on_late: Callable[[LateWork | None], object],
         on_fault: Callable[[BaseException], object],
     ) -> None:
         self._clock = clock
@@ -83,18 +101,46 @@ class WorkThread:
             del work  # what it holds is free while this thread waits
 
     def _do(self, work: Work, what: str) -> None:
-        is_late = False
-
-        def late() -> None:
-            nonlocal is_late
-            is_late = True
-            self._on_late(what)
-
+        watch = _Watch(self._clock, self._seconds, what, self._on_late)
         try:
-            with told_when_late(self._clock, self._seconds, late):
-                work()
+            work()
         except BaseException as error:  # SystemExit too: nobody else does the work
             self._on_fault(error)
         finally:
-            if is_late:
-                self._on_late('')
+            watch.close()
+
+
+class _Watch:
+    """Looks at the thread that makes it, every so many seconds, until it is closed."""
+
+    def __init__(self, clock: Clock, seconds: float, what: str, on_late: Callable[[LateWork | None], object]) -> None:
+        self._clock = clock
+        self._seconds = seconds
+        self._what = what
+        self._on_late = on_late
+        self._processor = time.pthread_getcpuclockid(threading.get_ident())
+        self._used = time.clock_gettime(self._processor)
+        self._looks = 0
+        self._told: LateWork | None = None
+        self._lock = threading.Lock()
+        self._is_open = True
+        self._timer = clock.call_at(clock.now() + seconds, self._look)
+
+    def _look(self) -> None:
+        with self._lock:
+            if not self._is_open:
+                return
+            before, self._used = self._used, time.clock_gettime(self._processor)
+            self._looks += 1
+            is_slow = self._used - before >= _WORKING * self._seconds and self._looks < _LOOKS
+            if self._told is None or is_slow is not self._told.is_slow:
+                self._told = LateWork(self._what, self._looks * self._seconds, is_slow)
+                self._on_late(self._told)
+            self._timer = self._clock.call_at(self._clock.now() + self._seconds, self._look)
+
+    def close(self) -> None:
+        with self._lock:
+            self._is_open = False
+            self._timer.cancel()
+        if self._told is not None:
+            self._on_late(None)

@@ -21,7 +21,7 @@ from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
 from rclpy.qos import qos_profile_action_status_default
 
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
-from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages, writer_name
 from flexbt_core.clock import Timer
 
 MOTION_ACTIONS: Final = (
@@ -79,7 +79,8 @@ class MotionStop:
     """Used on the executor thread only.
 
     ``pose`` gives the robot's last known pose, with an empty frame while there is none; ``actions`` are the names of
-    the servers' actions, of which those count that exist.
+    the servers' actions, of which those count that exist; ``has_ended`` whether the process of a writer has ended for
+    certain, which the middleware tells only when the lease is over.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class MotionStop:
         pose: Callable[[], PoseStamped],
         actions: Sequence[str],
         cmd_vel_topic: str,
+        has_ended: Callable[[bytes], bool] = lambda _writer: False,
         *,
         stamped: bool,
     ) -> None:
@@ -96,6 +98,7 @@ class MotionStop:
         self._services = services
         self._pose = pose
         self._actions = actions
+        self._has_ended = has_ended
         self._stamped = stamped
         message_type: Any = TwistStamped if stamped else Twist
         self._commands = runtime.node.create_publisher(message_type, cmd_vel_topic, 1)
@@ -122,9 +125,17 @@ class MotionStop:
 
     @property
     def going_on(self) -> list[str]:
-        """The actions of which a goal has not ended, as far as servers that are there have told since :meth:`prepare`
-        or :meth:`hold`. One that was killed is there until its lease is over."""
-        return [name for name, busy in self._busy.items() if busy and not busy.isdisjoint(self._writers(name))]
+        """The actions of which a goal has not ended, each with the node that serves it, as far as servers that are
+        there have told since :meth:`prepare` or :meth:`hold`. One that was killed is there until its lease is over, if
+        it is not known to have ended."""
+        node = self._runtime.node
+        told = (
+            f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
+            for name, busy in self._busy.items()
+            for writer in busy and busy & self._writers(name)
+            if not self._has_ended(writer)
+        )
+        return sorted(set(told))
 
     def hold(self) -> None:
         """Begin to keep the robot at rest, until :meth:`release`."""

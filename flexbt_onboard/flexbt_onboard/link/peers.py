@@ -98,6 +98,10 @@ class PeersWatch:
         """Whether one of them is not heard, and is not known to have ended."""
         return any(watch.silent for watch in self._watches)
 
+    def has_ended(self, writer: bytes) -> bool:
+        """Whether this is a writer of one of them whose process has ended for certain."""
+        return any(watch.has_ended(writer) for watch in self._watches)
+
     def _absence(self, peer: _Peer) -> str:
         if peer.alive is None:
             return 'it was not seen yet; start it'

@@ -118,6 +118,7 @@ class Executive:
             self._pose.latest,
             parameters.motion_actions,
             parameters.cmd_vel_topic,
+            self._peers.has_ended,
             stamped=parameters.stamped_cmd_vel,
         )
         runtime.on_close(lambda: runtime.call(motion_stop.release))

@@ -35,7 +35,7 @@ class RobotStop(Protocol):
 
     @property
     def going_on(self) -> Sequence[str]:
-        """Names of actions that may move the robot, and that go on."""
+        """The actions that may move the robot, and that go on, for people."""
 
     def prepare(self) -> None:
         """A run begins, or is told to stop."""
@@ -134,7 +134,7 @@ class StopWatch:
         if names and names != self._told:
             self._warn(
                 f'the robot is kept at rest until the next start: {", ".join(names)} went on after the stop. '
-                'Restart the server if it does not end the goal'
+                'Restart the node if it does not end the goal; one that was killed counts for up to 30 s'
             )
         elif self._told and not names:
             self._warn(f'{", ".join(self._told)} has ended: the robot is not kept at rest any more')

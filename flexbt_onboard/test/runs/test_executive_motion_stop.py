@@ -25,7 +25,7 @@ from flexbt_common.calls import (
     ServiceLinks,
     service_outcome,
 )
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, participant_of
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
@@ -71,6 +71,12 @@ class Robot:
 def robot() -> Iterator[Robot]:
     with NodeRuntime.open('robot') as runtime:
         yield Robot(runtime)
+
+
+def publisher_of(runtime: NodeRuntime, topic: str, name: str) -> bytes:
+    """The one of the node ``name``."""
+    (found,) = (end for end in runtime.node.get_publishers_info_by_topic(topic) if end.node_name == name)
+    return bytes(found.endpoint_gid)
 
 
 def silence(robot: Robot, steady_seconds: float = 0.4) -> None:
@@ -209,10 +215,17 @@ def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.
 
 
 def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:
+    ended: list[bytes] = []  # processes that the middleware still takes for alive
     with NodeRuntime.open('executive') as runtime, NodeRuntime.open('next') as later:
         stop = runtime.call(
             lambda: MotionStop(
-                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+                runtime,
+                ServiceLinks(runtime),
+                PoseStamped,
+                MOTION_ACTIONS,
+                names.CMD_VEL,
+                lambda writer: participant_of(writer) in ended,
+                stamped=False,
             )
         )
 
@@ -223,11 +236,15 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it() -> None:
         with NodeRuntime.open('robot') as robot:
             spin = ScriptedActionServer(robot, Spin, names.SPIN)
             SentGoal(ActionLinks(later).link(Spin, names.SPIN), Spin.Goal())
-            wait_until(lambda: spin.running and goes_on() == [names.SPIN], 'the goal')
+            wait_until(lambda: spin.running and goes_on() == ['spin (of /robot)'], 'the goal')
             ScriptedActionServer(later, Spin, names.SPIN)
             status = runtime.node.resolve_topic_name(f'{names.SPIN}/_action/status')
             wait_until(lambda: runtime.call(lambda: runtime.node.count_publishers(status)) == 2, 'the next server')
-            assert goes_on() == [names.SPIN]
+            assert goes_on() == ['spin (of /robot)']
+            ended.append(participant_of(publisher_of(runtime, status, 'robot')))
+            assert not goes_on()
+            ended.clear()
+            assert goes_on()
         wait_until(lambda: not goes_on(), 'the end of the first server, with its goal')
 
 
@@ -275,12 +292,12 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
             state.rests = True
             state.wake()
             assert bench.wait_idle() == 'preempted'
-            bench.logged('the robot is kept at rest until the next start: spin went on after the stop')
+            bench.logged('the robot is kept at rest until the next start: spin (of /robot) went on after the stop')
             commands.clear()
             wait_until(is_stopped_when_it_moves, 'zero velocity after the end of the run')
             spin.end(0, 'canceled')
             goal.wait()
-            bench.logged('spin has ended: the robot is not kept at rest any more')
+            bench.logged('spin (of /robot) has ended: the robot is not kept at rest any more')
 
             # Nor does a run that is at rest at once let go what somebody else has begun.
             driver = ScriptedActionServer(robot, NavigateToPose, names.NAVIGATE_TO_POSE, on_cancel=spin.on_cancel)
@@ -292,13 +309,13 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
 
             def is_heard() -> bool:
                 bench.runtime.call(stop.prepare)
-                return list(bench.runtime.call(lambda: stop.going_on)) == [names.NAVIGATE_TO_POSE]
+                return list(bench.runtime.call(lambda: stop.going_on)) == ['navigate_to_pose (of /robot)']
 
             wait_until(is_heard, 'what the server says')
             bench.applied(ExecutiveCommand.STOP)
-            bench.logged('the robot is kept at rest until the next start: navigate_to_pose went on after the stop')
+            bench.logged('kept at rest until the next start: navigate_to_pose (of /robot) went on after the stop')
             driver.end(0, 'canceled')
             goal.wait()
-            bench.logged('navigate_to_pose has ended: the robot is not kept at rest any more')
+            bench.logged('navigate_to_pose (of /robot) has ended: the robot is not kept at rest any more')
         finally:
             bench.close()

@@ -8,10 +8,11 @@ from typing import Final
 
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import WorkThread
+from flexbt_core.clock import LateWork, WorkThread
 
 READ_SECONDS: Final = 5.0
-"""The server is not ready while what one goal names takes longer than this to be read, s: its disk may not answer."""
+"""What one goal names should be read within this time, s. When it is not, and the thread that reads does not use the
+processor either, the disk does not answer, and the server is not ready; what is only slow is logged."""
 
 _FILES: Final = 'files'
 """The part of the server that is not ready then."""
@@ -23,14 +24,17 @@ def tree_reader(runtime: NodeRuntime) -> WorkThread:
     lock = threading.Lock()
     is_open = True
 
-    def late(what: str) -> None:
-        why = f'{what} within {READ_SECONDS:g} s, goals wait: does the disk answer?' if what else ''
+    def late(work: LateWork | None) -> None:
+        is_ready, why = work is None or work.is_slow, ''
+        if work is not None:
+            reason = 'it is still being read' if is_ready else 'does the disk answer?'
+            why = f'{work.what} within {work.seconds:g} s, goals wait: {reason}'
         with lock:
             if not is_open:  # what the token says is of another reader
                 return
             if why:
                 runtime.node.get_logger().warning(why)
-            token.set_ready(not why, _FILES, why)
+            token.set_ready(is_ready, _FILES, why)
 
     def fault(error: BaseException) -> None:
         runtime.post(lambda: runtime.report_fault(error, 'the thread that reads trees'))

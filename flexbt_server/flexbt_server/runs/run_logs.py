@@ -15,7 +15,7 @@ from typing import Final
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.behavior_tree import Tree
-from flexbt_core.clock import WorkThread
+from flexbt_core.clock import LateWork, WorkThread
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2 import SUFFIX, LogBuffer, LogWriter
 
@@ -77,10 +77,10 @@ class RunLogs:
         self._writer.submit(step, str(self._directory))
         return ''
 
-    def _tell_stuck(self, directory: str) -> None:
-        if directory:
+    def _tell_stuck(self, work: LateWork | None) -> None:
+        if work is not None and not work.is_slow:
             self._error(
-                f'{directory}: nothing has been written for {STUCK_SECONDS:g} s, the disk does not answer; the logs of '
+                f'{work.what}: nothing has been written for {work.seconds:g} s, the disk does not answer; the logs of '
                 f'trees wait for it, up to {MOST_WAITING} rounds'
             )
 
