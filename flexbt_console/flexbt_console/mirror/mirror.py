@@ -16,11 +16,11 @@ from flexbt_core.clock import Clock
 from .command_tracker import CommandTracker, TrackedCommand
 from .freshness import LOST_SECONDS, Freshness
 from .numbered import NumberedList
+from .reasons import reasons
 from .records import (
     Behavior,
     BehaviorList,
     Command,
-    DecisionKind,
     ExecutiveEvent,
     LogLine,
     Pose,
@@ -40,9 +40,6 @@ TRACE_STEP: Final = 0.05
 """Metres from one point of the driven path that is kept to the next."""
 
 TRACE_LENGTH: Final = 2000
-
-REASON_SECONDS: Final = 1.0
-"""What a container says about its outcome may be so much older than its decision."""
 
 
 class Change(Enum):
@@ -99,6 +96,7 @@ class Mirror:
         self._behaviors: BehaviorList | None = None
         self._log: NumberedList[LogLine] = NumberedList(LOG_LENGTH)
         self._events: NumberedList[ExecutiveEvent] = NumberedList(LOG_LENGTH)
+        self._reasons: Mapping[str, LogLine] | None = None
         self._problem = ''
         self._trees = Trees()
         self._standstill = StandstillWatch()
@@ -124,6 +122,7 @@ class Mirror:
             self._follow(snapshot)
             self._standstill.receive(snapshot)
             self._snapshot = snapshot
+            self._reasons = None
             self._sent = None if transit is None else transit.sent
             self._newest[snapshot.executive_id] = snapshot.sequence
             self._newest.move_to_end(snapshot.executive_id)
@@ -162,6 +161,7 @@ class Mirror:
         with self._lock:
             if not self._log.add(line):
                 return False
+            self._reasons = None
         self._tell(Change.LOG)
         return True
 
@@ -169,6 +169,7 @@ class Mirror:
         """Take transitions and commands; False when all of them are there already, or too old."""
         with self._lock:
             new = [event for event in events if self._events.add(event)]
+            self._reasons = None
         if new:
             self._tell(Change.EVENTS)
         return bool(new)
@@ -303,7 +304,7 @@ class Mirror:
                 structure=self._structures.get(snapshot.run_id) if snapshot else None,
                 behaviors=self._current_behaviors(snapshot),
                 last_command=self._commands.latest(),
-                reasons=self._reasons(snapshot),
+                reasons=self._told_reasons(snapshot),
                 places={**self._own_places, **(self._places or {})},
                 has_places=self._places is not None,
                 trees=self._trees.runs(),
@@ -345,21 +346,11 @@ class Mirror:
             return None
         return known.behaviors
 
-    def _reasons(self, snapshot: Snapshot | None) -> dict[str, LogLine]:
-        """By decision, the gravest of what its state has told since it was entered, the newest of these."""
-        reasons: dict[str, LogLine] = {}
-        asked = [one for one in snapshot.decisions if one.kind is not DecisionKind.INPUT] if snapshot else []
-        if snapshot is None or not asked:
-            return reasons
-        entered = {state.path: state.entered for state in snapshot.active_states}
-        told = [line for line in self._log.of(snapshot.executive_id) if line.run_id == snapshot.run_id]
-        for decision in asked:
-            since = entered.get(decision.path, decision.since - REASON_SECONDS)
-            inside = decision.path.rstrip('/') + '/'
-            lines = [line for line in told if f'{line.path}/'.startswith(inside) and line.stamp >= since]
-            if lines:
-                reasons[decision.id] = max(lines, key=lambda line: (line.severity, line.sequence))
-        return reasons
+    def _told_reasons(self, snapshot: Snapshot | None) -> Mapping[str, LogLine]:
+        if self._reasons is None:
+            of = snapshot.executive_id if snapshot else ''
+            self._reasons = reasons(snapshot, self._log.of(of), self._events.of(of)) if snapshot else {}
+        return self._reasons
 
     def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:
         newest = self._newest.get(snapshot.executive_id)

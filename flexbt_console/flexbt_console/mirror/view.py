@@ -29,9 +29,10 @@ class View:
 
     ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has
     not arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
-    identifier of the decision, as far as it has said so. ``places`` are those of the robot (of which it has told if
-    ``has_places``) and our own; where both have one of the same name, that of the robot counts. ``trees`` are
-    those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody asked for them.
+    identifier of the decision, as far as it, or the state before it, has said so. ``places`` are those of the robot (of
+    which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
+    ``trees`` are those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody
+    asked for them.
     ``unwanted_motion``: the robot moves though it should stand.
     """
 

@@ -180,11 +180,15 @@ def _required(level: int) -> str:
 
 
 def reason_lines(pending: Decision, view: View) -> list[str]:
-    """What the state has said about why it wants that; nothing when it has said nothing."""
+    """What the state has said about why it wants that, or what was told before it came to that; nothing when nothing
+    was said.
+    """
     reason = view.reasons.get(pending.id)
     if reason is None:
         return []
-    return log_lines(replace(reason, path='') if reason.path == pending.path else reason)
+    word = 'because' if f'{reason.path}/'.startswith(pending.path.rstrip('/') + '/') else 'after'
+    first, *more = log_lines(replace(reason, path='') if reason.path == pending.path else reason)
+    return [Line(f'{word} {first}', tone_of(first)), *more]
 
 
 def choice_line(pending: Decision) -> str:
@@ -220,10 +224,7 @@ def status_lines(view: View) -> list[str]:
         shown += [f'            {line}' for line in not_paused_lines(state)]
     for pending in snapshot.decisions:
         shown.append(_labelled('waiting', Line(decision_line(pending, snapshot), Tone.DECISION)))
-        shown += [
-            _labelled('  because' if number == 0 else '', line)
-            for number, line in enumerate(reason_lines(pending, view))
-        ]
+        shown += [Line(f'  {line}', tone_of(line)) for line in reason_lines(pending, view)]
         if pending.choices:
             shown.append(f'            {choice_line(pending)}')
     shown.append(f'robot     {pose_text(snapshot.robot_pose)}')

@@ -113,7 +113,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _can_show_screen() -> bool:
     """Whether the library of the screen is installed, and this terminal can place its cursor."""
-    return importlib.util.find_spec('textual') is not None and os.environ.get('TERM', 'dumb') != 'dumb'
+    return _is_installed(_INTERACTIVE[Mode.SCREEN]) and os.environ.get('TERM', 'dumb') != 'dumb'
+
+
+def _is_installed(library: str) -> bool:
+    return importlib.util.find_spec(library) is not None
 
 
 def _flush() -> None:
@@ -188,14 +192,11 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
     assert line.spec is not None
     if not (_is_served() or (sys.stdin.isatty() and sys.stdout.isatty())):
         raise UsageError(f'the interactive {line.spec.name} needs a terminal; use a command, see console --help')
-    try:
-        run = _interactive(line.spec.action)
-    except ModuleNotFoundError as error:
-        if error.name is None or not error.name.startswith(needs):
-            raise
+    if not _is_installed(needs):
         raise UsageError(
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
-        ) from None
+        )
+    run = _run_prompt if line.spec.action is Mode.PROMPT else _run_screen
     with _open_runtime(line) as runtime:
         with _watched_terminal(runtime.close) as watch:
             run(line, runtime, watch)
@@ -222,12 +223,10 @@ def _run_replay(line: CommandLine) -> ExitCode:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError('a recording is shown in a terminal; the executable `replay` publishes it for other consoles')
     player = open_recording(Path(line.first_word))
-    try:
-        from .screen import show_recording
-    except ModuleNotFoundError as error:
-        if error.name is None or not error.name.startswith('textual'):
-            raise
-        raise UsageError('the screen needs textual: install it, or use the executable `replay`') from None
+    if not _is_installed(_INTERACTIVE[Mode.SCREEN]):
+        raise UsageError('the screen needs textual: install it, or use the executable `replay`')
+    from .screen import show_recording
+
     with _watched_terminal():
         show_recording(player, SteadyClock())
     return ExitCode.OK
@@ -282,24 +281,21 @@ def _is_served() -> bool:
     return os.environ.get('TEXTUAL_DRIVER', '').endswith('WebDriver')
 
 
-def _interactive(mode: object) -> Callable[[CommandLine, NodeRuntime, TerminalWatch], None]:
-    if mode is Mode.PROMPT:
-        from .prompt import run_prompt
+def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
+    mirror, link, make = _parts(line, runtime)
+    from .prompt import run_prompt  # while the robot is discovered
 
-        def prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
-            mirror, link, make = _parts(line, runtime)
-            leaving = line.value('--leaving') or LEAVING
-            run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.signaled)
+    leaving = line.value('--leaving') or LEAVING
+    run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.signaled)
 
-        return prompt
-    from .screen import run_screen
 
-    def screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
-        robots = _fleet(line, runtime, _operator(line))
-        make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
-        run_screen(*robots.select(robots.own), make, _timeout(line), runtime.steady, leaving, robots)
+def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
+    robots = _fleet(line, runtime, _operator(line))
+    mirror, link = robots.select(robots.own)
+    from .screen import run_screen  # while the robots are discovered
 
-    return screen
+    make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
+    run_screen(mirror, link, make, _timeout(line), runtime.steady, leaving, robots)
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:

@@ -14,6 +14,8 @@ from flexbt_console.mirror import (
     ActiveState,
     Decision,
     DecisionKind,
+    EventKind,
+    ExecutiveEvent,
     ExecutiveState,
     LogLine,
     Mirror,
@@ -117,6 +119,35 @@ def test_why_a_transition_waits_stands_beside_it() -> None:
     # Of a container, of which no one knows when it was entered: what was told in it just now.
     scene.show(replace(RUNNING, decisions=(replace(FAILED, id='t2', path='/'),)))
     assert '  because ERROR: /Drive2: another state' in scene.toolbar()
+
+
+def test_what_was_told_before_a_state_came_to_wait_stands_beside_its_question() -> None:
+    scene = Scene()
+    ways = (('/Go', '/Drive', 10.0), ('/Drive', '/Tell', 20.0), ('/Tell', '/Ask', 20.1), ('/Watch', '/Log', 20.05))
+    events = [
+        ExecutiveEvent('e', number, EventKind.TRANSITION, path, target=target, run_id='r1', stamp=stamp)
+        for number, (path, target, stamp) in enumerate(ways)
+    ]
+    for number, (stamp, severity, path, text) in enumerate(
+        [
+            (9.9, Severity.ERROR, '/Drive', 'of an earlier visit'),
+            (19.5, Severity.WARN, '/Drive/Follow', 'no way to the kitchen'),
+            (20.0, Severity.INFO, '/Drive', 'gives up'),
+            (20.04, Severity.ERROR, '/Watch', 'another state'),
+            (20.05, Severity.INFO, '/Tell', 'only leads on'),
+        ]
+    ):
+        scene.mirror.receive_log(LogLine('e', number, severity, text, path, 'r1', stamp))
+    asked = Decision('c1', DecisionKind.CHOICE, '/Ask', outcomes=('again', 'home'))
+    waiting = replace(RUNNING, active_states=(ActiveState('/Ask', 20.1),), decisions=(asked,))
+    scene.show(waiting)
+    assert 'after' not in ' '.join(scene.toolbar())  # how the robot came here is not known yet
+    scene.mirror.receive_events(events)
+    assert '  after WARN: /Drive/Follow: no way to the kitchen' in scene.toolbar()
+    assert '  after WARN: /Drive/Follow: no way to the kitchen' in status_lines(scene.mirror.view())
+    # What has gone on for a while since then has got over it.
+    scene.mirror.receive_events([replace(events[2], sequence=4, stamp=40.0)])
+    assert not scene.mirror.view().reasons
 
 
 def test_the_leaf_of_the_active_tree_is_shown_however_little_room_there_is() -> None:

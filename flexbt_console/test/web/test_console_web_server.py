@@ -95,7 +95,7 @@ def test_everything_of_now_is_told() -> None:
         assert parts['link']['state'] == 'live' and parts['status']['runs'] == 'RUNNING  Patrol'
         (decision,) = parts['decisions']
         assert [choice['leads'] for choice in decision['choices']] == ['/Ask', '=finished']
-        assert decision['reasons'] == [f'WARN: {NASTY}'] and NASTY in decision['line']
+        assert decision['reasons'] == [f'because WARN: {NASTY}'] and NASTY in decision['line']
         assert PLAN.id not in decision['line'] and decision['id'] == PLAN.id
         assert parts['trees'][0]['statuses'] == ['running', 'success', 'running', 'idle']
         assert parts['trees'][0]['leaves'] == ['Wait'] and parts['active']['lockable'] == ['/Drive']

@@ -83,7 +83,7 @@ def _decision(view: View, width: int) -> list[str]:
     more = f'  (+{others} more: status)' if others else ''
     lines = _folded(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width)
     reason = reason_lines(decision, view)[:1]
-    lines += [part for line in reason for part in _folded(Line(f'  because {line}', tone_of(line)), width, REASON_ROWS)]
+    lines += [part for line in reason for part in _folded(Line(f'  {line}', tone_of(line)), width, REASON_ROWS)]
     if decision.choices:
         lines += _folded(Line(f'  {choice_line(decision)}', Tone.DECISION), width)
     if decision.kind is DecisionKind.TRANSITION:

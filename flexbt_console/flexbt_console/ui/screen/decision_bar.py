@@ -109,7 +109,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     tail = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
     tail += f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
     head = f'{signs.waits} {asked_text(decision, snapshot)}'
-    reasons = [f'  because {line}' for line in reason_lines(decision, view)[:1]]
+    reasons = [Line(f'  {line}', tone_of(line)) for line in reason_lines(decision, view)[:1]]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]

@@ -52,7 +52,7 @@ export class DecisionBar {
     this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {
-      for (const reason of decision.reasons) rows.push(element('p', {class: 'reason'}, `because ${reason}`));
+      for (const reason of decision.reasons) rows.push(element('p', {class: 'reason'}, reason));
       const choices = element('div', {class: 'choices', role: 'group', 'aria-label': 'answers'});
       decision.choices.forEach((choice, index) => {
         const wanted = choice.value === decision.wanted;
