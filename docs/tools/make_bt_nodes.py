@@ -91,7 +91,7 @@ def section(manifest: NodeManifest) -> Iterator[str]:
         for name, port in manifest.ports.items():
             default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
             kind = f'`{port.type.name}`' if port.type is not None else 'any'
-            yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.description} |'
+            yield f'| `{name}` | {port.direction.value} | {kind} | {default} | {port.documentation} |'
     declared = _skill(manifest)
     if declared:
         yield ''

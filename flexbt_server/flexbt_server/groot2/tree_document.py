@@ -101,4 +101,4 @@ def _port(name: str, port: Port) -> str:
     tag = f'{port.direction.value}_port'
     kind = '' if port.type is None else f' type={xml_attribute(port.type.name)}'
     default = '' if port.default is NO_DEFAULT else f' default={xml_attribute(str(port.default))}'
-    return f'<{tag} name={xml_attribute(name)}{kind}{default}>{xml_text(port.description)}</{tag}>'
+    return f'<{tag} name={xml_attribute(name)}{kind}{default}>{xml_text(port.documentation)}</{tag}>'

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Goals, Odometry
@@ -15,7 +15,6 @@ from nav_msgs.msg import Goals, Odometry
 from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
-from flexbt_core.behavior_tree.nodes.nav2 import Dialect
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
 from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
 from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, TopicCache
@@ -74,10 +73,10 @@ class GoalUpdater(Decorator):
     ports = {
         'input_goal': input_port(POSE_STAMPED, description='the goal that was given'),
         'output_goal': output_port(POSE_STAMPED, description='the newer of the two'),
-        'input_goals': input_port(POSES, optional=True, description='goals to pass'),
-        'output_goals': output_port(POSES, description='the same goals; in main the newer ones'),
+        'input_goals': input_port(POSES, optional=True, description='goals to pass', variant='main'),
+        'output_goals': output_port(POSES, description='the same goals, or newer ones', variant='main'),
     }
-    dialect: ClassVar[Dialect] = 'jazzy'
+    variant = 'jazzy'
     topic = 'goal_update'
 
     def __init__(self, config: NodeConfig) -> None:
@@ -123,7 +122,7 @@ class GoalUpdaterOfMain(GoalUpdater):
     __slots__ = ('_goals',)
 
     xml_name = 'GoalUpdater'
-    dialect: ClassVar[Dialect] = 'main'
+    variant = 'main'
     goals_topic = 'goals_update'
 
     def __init__(self, config: NodeConfig) -> None:
@@ -152,6 +151,8 @@ def _stamp(stamped: Any) -> tuple[int, int]:
 class PauseResumeController(nav2_pause.PauseResumeController):
     __doc__ = nav2_pause.PauseResumeController.__doc__
     __slots__ = ('__weakref__', '_offered')
+
+    variant = 'main'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -32,12 +32,16 @@ class RemovePassedGoals(PoseLeaf, SyncAction):
         'input_goals': input_port(POSES, description='goals to pass'),
         'output_goals': output_port(POSES, description='those that are left'),
         'radius': input_port(DOUBLE, default='0.5', description='m'),
-        'global_frame': input_port(STRING, optional=True, description='not used: the goals have theirs; of jazzy'),
+        'global_frame': input_port(
+            STRING, optional=True, description='not used: the goals have theirs', variant='jazzy'
+        ),
         'robot_base_frame': input_port(STRING, optional=True, description="frame of the robot, if not the server's"),
         'input_waypoint_statuses': input_port(
-            WAYPOINT_STATUSES, optional=True, description='statuses of all waypoints of the mission; of main'
+            WAYPOINT_STATUSES, optional=True, description='statuses of all waypoints of the mission', variant='main'
         ),
-        'output_waypoint_statuses': output_port(WAYPOINT_STATUSES, description='the same, with those passed; of main'),
+        'output_waypoint_statuses': output_port(
+            WAYPOINT_STATUSES, description='the same, with those passed', variant='main'
+        ),
     }
 
     def evaluate(self) -> NodeStatus:
@@ -65,6 +69,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
+    variant = 'main'
     ports = {
         'goal_pose': input_port(POSE_STAMPED, description='the pose that comes last'),
         'input_goals': input_port(POSES, optional=True, description='the goals before it'),
@@ -81,6 +86,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
+    variant = 'main'
     ports = {
         'num_goals': input_port(INT, description='how many at most'),
         'input_goals': input_port(POSES, description='the goals'),
@@ -106,6 +112,7 @@ class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
+    variant = 'main'
     ports = {
         'route': input_port(ROUTE, description='the route'),
         'goals': output_port(POSES, description='its nodes'),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Final
 
 from geometry_msgs.msg import Point
@@ -71,8 +72,8 @@ class FollowPath(ActionLeaf):
         'controller_id': input_port(STRING, optional=True, description='controller to use'),
         'goal_checker_id': input_port(STRING, optional=True, description='goal checker to use'),
         'progress_checker_id': input_port(STRING, optional=True, description='progress checker to use'),
-        'path_handler_id': input_port(STRING, optional=True, description='path handler to use; of main'),
-        'tracking_feedback': output_port(TRACKING_FEEDBACK, description='how the robot is on the path; of main'),
+        'path_handler_id': input_port(STRING, optional=True, description='path handler to use', variant='main'),
+        'tracking_feedback': output_port(TRACKING_FEEDBACK, description='how the robot is on the path', variant='main'),
     }
 
     def __init__(self, config: NodeConfig) -> None:
@@ -149,7 +150,7 @@ class FollowPath(ActionLeaf):
 _PLUGINS: Final = ('controller_id', 'goal_checker_id', 'progress_checker_id', 'path_handler_id')
 
 _ALLOWANCE: Final = input_port(DOUBLE, default='10.0', description='give up after this time, s; 0 for never')
-_UNCHECKED: Final = input_port(BOOL, default='false', description='whether nothing is looked out for; of main')
+_UNCHECKED: Final = input_port(BOOL, default='false', description='whether nothing is looked out for', variant='main')
 
 
 class Spin(RecoveryLeaf):
@@ -256,6 +257,7 @@ class Wait(RecoveryLeaf):
     action_type = action.Wait
     default_server = names.WAIT
     ports = ACTION_PORTS | {
+        'error_code_id': replace(ACTION_PORTS['error_code_id'], variant='main'),
         'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
     }
 
@@ -301,6 +303,7 @@ class FollowObject(ActionLeaf):
 
     __slots__ = ()
 
+    variant = 'main'
     action_type = action.FollowObject
     default_server = names.FOLLOW_OBJECT
     skill = Skill.of(resources=[BASE])

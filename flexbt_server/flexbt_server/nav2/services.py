@@ -92,6 +92,8 @@ class CancelFollowObject(CancelAction):
     """Cancels all goals of follow_object. Of the branch main of Nav2."""
 
     __slots__ = ()
+
+    variant = 'main'
     default_action = names.FOLLOW_OBJECT
 
 
@@ -112,6 +114,7 @@ class ToggleCollisionMonitor(ServiceLeaf):
 
     __slots__ = ()
 
+    variant = 'main'
     service_type = srv.Toggle
     default_service = 'collision_monitor/toggle'
     ports = SERVICE_PORTS | {'enable': input_port(BOOL, default='true', description='whether it is to be on')}

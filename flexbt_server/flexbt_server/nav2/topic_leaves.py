@@ -85,6 +85,7 @@ class CheckStopStatus(StatefulAction):
 
     __slots__ = ('_cache', '_since')
 
+    variant = 'main'
     goes_on = ''
     skill = Skill.measuring(Predicate('stopped', sensor=ConditionSensor('CheckStopStatus')))
     ports = {
@@ -252,6 +253,8 @@ class PathHandlerSelector(_Selector):
     """Selects the path handler for FollowPath. Of the branch main of Nav2."""
 
     __slots__ = ()
+
+    variant = 'main'
     selected, default = 'selected_path_handler', 'default_path_handler'
     ports = _selector_ports('path_handler')
 

@@ -10,8 +10,9 @@ from typing import Final, NamedTuple
 import pytest
 
 from flexbt_core.behavior_tree import Port
-from flexbt_core.behavior_tree.model import NO_DEFAULT
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, ONLY_NODES, ONLY_PORTS, Dialect
+from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_server.node_types import node_registry
 
 # Facts of ros-navigation/navigation2 (nav2_tree_nodes.xml and the ports that the classes declare), jazzy at 1.3.13 and
@@ -217,18 +218,44 @@ def test_the_branches_have_so_many_node_types() -> None:
     assert [sum(branch in node.branches for node in FACTS.values()) for branch in DIALECTS] == [65, 81]
 
 
-def test_a_file_shows_its_branch_by_what_only_that_has() -> None:
-    assert {id: node.branches[0] for id, node in FACTS.items() if len(node.branches) == 1} == ONLY_NODES
-    ports = {
-        id: {
-            name: fact.branches[0]
-            for name, fact in node.ports.items()
-            if len(fact.branches) == 1 and name != 'error_msg'  # which is a port of every action here
-        }
-        for id, node in FACTS.items()
-        if len(node.branches) > 1
-    }
-    assert {id: its for id, its in ports.items() if its} == ONLY_PORTS
+def test_what_only_one_branch_has_says_so() -> None:
+    for registry in REGISTRIES.values():
+        of_both = {id for others in registry.variants.values() for id in others}  # each has a class of its own
+        for id, node in FACTS.items():
+            manifest = registry.get(id)
+            assert manifest is not None
+            if id not in of_both:
+                assert manifest.variant == (node.branches[0] if len(node.branches) == 1 else ''), id
+            # The message of an error is a port of every action here.
+            told = {name: port.variant for name, port in manifest.ports.items() if port.variant}
+            assert told == {
+                name: fact.branches[0]
+                for name, fact in node.ports.items()
+                if len(fact.branches) < len(node.branches) and name != 'error_msg'
+            }, id
+
+
+PLAIN = '<BehaviorTree ID="T"><RoundRobin>{}<AlwaysSuccess/></RoundRobin></BehaviorTree>'
+
+
+@pytest.mark.parametrize(('attributes', 'trees', 'branch'), [
+    ('', PLAIN.format(''), None),
+    ('', PLAIN.format('<IsGoalNearby/>'), 'main'),
+    ('', PLAIN.format('<Condition ID="IsGoalNearby"/>'), 'main'),
+    ('', PLAIN.format('<IsPathValid/>'), 'jazzy'),
+    ('', PLAIN.format('<IsPathValid/><ValidatePath/>'), None),
+    ('', PLAIN.format('<Spin disable_collision_checks="true"/>'), 'main'),
+    ('', PLAIN.format('<Spin error_msg="{why}"/>'), None),
+    ('', PLAIN.format('<RemovePassedGoals global_frame="map"/>'), 'jazzy'),
+    ('', PLAIN.format('<SubTree ID="IsGoalNearby"/>'), None),
+    ('', '<TreeNodesModel><Condition ID="IsGoalNearby"/></TreeNodesModel>' + PLAIN.format(''), None),
+    ('main_tree_to_execute="MainTree"', PLAIN.format('').replace('"T"', '"MainTree"'), 'jazzy'),
+    ('main_tree_to_execute="MainTree"', PLAIN.format('<IsGoalNearby/>').replace('"T"', '"MainTree"'), 'main'),
+    ('', PLAIN.format('').replace('"T"', '"FollowPoint"'), 'main'),
+])  # fmt: skip
+def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, branch: str | None) -> None:
+    root = parse(Source('f', f'<root BTCPP_format="4" {attributes}>{trees}</root>'))
+    assert {registry.variant_of(elements_of(root)) for registry in REGISTRIES.values()} == {branch}
 
 
 @pytest.mark.parametrize('dialect', DIALECTS)

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_common import names
 from flexbt_core.behavior_tree import load_xml
 from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect, dialect_of
+from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
@@ -25,6 +25,7 @@ from flexbt_testing.waiting import DEADLINE, wait_until
 Result = BtExecute.Result
 
 TREES: Final = {(branch, name): text for branch in DIALECTS for name, text in stock_trees(branch).items()}
+REGISTRIES: Final = {dialect: node_registry(lambda _source, _error: None, dialect) for dialect in DIALECTS}
 NEVER_END: Final = 'follow_point.xml'
 THROUGH_POSES: Final = 'navigate_through_poses_w_replanning_and_recovery.xml'
 
@@ -56,7 +57,7 @@ def test_there_are_all_of_them() -> None:
 
 @pytest.mark.parametrize(('branch', 'name'), TREES)
 def test_a_file_shows_its_branch(branch: Dialect, name: str) -> None:
-    assert dialect_of(elements_of(parse(Source(name, TREES[branch, name])))) == branch
+    assert REGISTRIES[branch].variant_of(elements_of(parse(Source(name, TREES[branch, name])))) == branch
 
 
 @pytest.mark.parametrize(('branch', 'name'), TREES)
@@ -76,6 +77,5 @@ def test_it_runs_as_it_is(world: World, files: Path, branch: Dialect, name: str)
 
 def test_every_node_of_one_branch_is_known_in_the_other_as_well() -> None:
     """Whatever the parameter says: a file is read by what it shows."""
-    registries = [node_registry(lambda _source, _error: None, dialect) for dialect in DIALECTS]
-    for registry, ((branch, name), text) in itertools.product(registries, TREES.items()):
+    for registry, ((branch, name), text) in itertools.product(REGISTRIES.values(), TREES.items()):
         load_xml(text, f'{branch}/{name}', registry)

@@ -134,12 +134,12 @@ def _node_type(manifest: NodeManifest) -> Iterator[str]:
 def _port(name: str, port: Port) -> Iterator[str]:
     required = ' use="required"' if port.required else ''
     head = f'xs:attribute name={xml_attribute(name)} type="{_type_name(port)}"{required}'
-    if not port.description and port.default is NO_DEFAULT:
+    if not port.documentation and port.default is NO_DEFAULT:
         yield f'    <{head}/>'
         return
     default = '' if port.default is NO_DEFAULT else f' (default: {port.default})'
     yield f'    <{head}>'
-    yield from _documentation(f'{port.description}{default}', '      ')
+    yield from _documentation(f'{port.documentation}{default}', '      ')
     yield '    </xs:attribute>'
 
 

@@ -9,7 +9,7 @@ from .derived_classes import kept_by_class
 from .expanding import ExpandingAction
 from .leaf import Condition, Halted, LeafNode, StatefulAction, SyncAction
 from .node import NO_PORTS, NodeConfig, StatusObserver, TreeNode, node_path
-from .registry import NodeRegistry
+from .registry import NodeRegistry, declared_id
 from .tick_callbacks import PostTick, PreTick, TickCallbacks
 from .tick_control import TickCommand, TickControl
 from .ticking import halt_child
@@ -45,6 +45,7 @@ __all__ = [
     'TreeContext',
     'TreeNode',
     'UnfinishedWork',
+    'declared_id',
     'halt_child',
     'kept_by_class',
     'node_path',

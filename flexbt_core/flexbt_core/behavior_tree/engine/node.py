@@ -101,6 +101,8 @@ class TreeNode(ABC):
     kind: ClassVar[NodeKind]
     xml_name: ClassVar[str]
     """What XML calls nodes of just this class, where that is not the name of the class."""
+    variant: ClassVar[str] = ''
+    """The variant of files that just this class is of (see ``NodeRegistry``); '' if it is of all."""
     example: ClassVar[Example | None] = None
     """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""
     outcomes: ClassVar[Outcomes | None] = None

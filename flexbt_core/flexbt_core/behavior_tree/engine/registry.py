@@ -101,7 +101,7 @@ class NodeRegistry:
         """Makes a class known under the name that it declares, in one variant only if that is given. Raises
         RegistrationError, as :meth:`register` does."""
         manifests = self.variants.setdefault(variant, {}) if variant else self._manifests
-        self._register(vars(node_class).get('xml_name', node_class.__name__), node_class, manifests)
+        self._register(declared_id(node_class), node_class, manifests)
 
     def types_for(self, elements: Elements) -> NodeRegistry | VariantTypes:
         """The node types of a file that has these elements."""
@@ -150,6 +150,12 @@ class VariantTypes:
 
     def __contains__(self, id: str) -> bool:
         return id in self._registry
+
+
+def declared_id(node_class: type[TreeNode]) -> str:
+    """The ID that a class declares: its name, unless it has an ``xml_name`` of its own."""
+    id: str = vars(node_class).get('xml_name', node_class.__name__)
+    return id
 
 
 def _children_bounds(node_class: type[TreeNode]) -> tuple[int, int | None]:

@@ -42,6 +42,12 @@ class NodeManifest:
         outcomes: Outcomes | None = vars(self.node_class).get('outcomes')
         return outcomes
 
+    @property
+    def variant(self) -> str:
+        """The variant that just this class is of (see ``NodeRegistry``); '' if it is of all."""
+        variant = vars(self.node_class).get('variant', '')
+        return variant if isinstance(variant, str) else ''  # the attribute of somebody's class may be something else
+
 
 class RunnableScript(Protocol):
     """A script on the blackboard of a node."""

@@ -32,7 +32,8 @@ class Port:
     ``type`` None accepts every type. ``default`` is used when the XML does not give the port: text as it could stand in
     the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
     ``literal`` is the type of a literal where that is more than ``type`` says, such as when a pointer may be to an
-    entry of any type. Its values have to be immutable.
+    entry of any type. Its values have to be immutable. ``variant`` is the one for which a file has to be written that
+    gives the port (see ``NodeRegistry``); '' where it may be any.
     """
 
     direction: PortDirection
@@ -41,6 +42,12 @@ class Port:
     description: str = ''
     required: bool = False
     literal: PortType | None = None
+    variant: str = ''
+
+    @property
+    def documentation(self) -> str:
+        """The description, and what alone has the port."""
+        return f'{self.description}; of {self.variant}' if self.variant else self.description
 
     @property
     def readable(self) -> bool:
@@ -58,14 +65,20 @@ def input_port(
     description: str = '',
     optional: bool = False,
     literal: PortType | None = None,
+    variant: str = '',
 ) -> Port:
     """A port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
-    return Port(PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal)
+    return Port(
+        PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal, variant
+    )
 
 
-def output_port(type: PortType | None = None, *, default: str | None = None, description: str = '') -> Port:
+def output_port(
+    type: PortType | None = None, *, default: str | None = None, description: str = '', variant: str = ''
+) -> Port:
     """A port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
-    return Port(PortDirection.OUTPUT, type, NO_DEFAULT if default is None else default, description)
+    written = NO_DEFAULT if default is None else default
+    return Port(PortDirection.OUTPUT, type, written, description, variant=variant)
 
 
 def inout_port(
@@ -75,9 +88,12 @@ def inout_port(
     description: str = '',
     optional: bool = False,
     literal: PortType | None = None,
+    variant: str = '',
 ) -> Port:
     """A port that the node reads and writes."""
-    return Port(PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal)
+    return Port(
+        PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal, variant
+    )
 
 
 class PortValue(NamedTuple):

@@ -19,16 +19,13 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.model import Source
 from flexbt_core.behavior_tree.nodes.nav2 import (
     DistanceController,
     PauseResumeController,
     Position,
     SpeedController,
-    dialect_of,
     register_nav2,
 )
-from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
@@ -65,29 +62,6 @@ def test_nodes_of_main_are_there_in_the_dialect_jazzy_too_but_round_robin_goes_r
     check(control('NonblockingSequence', 'S', 'S'), 'S 0S 1S')
     check(control('RoundRobin', 'S', 'S', wrap_around='false'), 'S 0S | F 1S')
     check(control('RoundRobin', 'S', 'S'), 'S 0S | S 1S | S 0S')
-
-
-PLAIN = '<BehaviorTree ID="T"><RoundRobin>{}<AlwaysSuccess/></RoundRobin></BehaviorTree>'
-
-
-@pytest.mark.parametrize(('attributes', 'trees', 'branch'), [
-    ('', PLAIN.format(''), None),
-    ('', PLAIN.format('<IsGoalNearby/>'), 'main'),
-    ('', PLAIN.format('<Condition ID="IsGoalNearby"/>'), 'main'),
-    ('', PLAIN.format('<IsPathValid/>'), 'jazzy'),
-    ('', PLAIN.format('<IsPathValid/><ValidatePath/>'), None),
-    ('', PLAIN.format('<Spin disable_collision_checks="true"/>'), 'main'),
-    ('', PLAIN.format('<Spin error_msg="{why}"/>'), None),
-    ('', PLAIN.format('<RemovePassedGoals global_frame="map"/>'), 'jazzy'),
-    ('', PLAIN.format('<SubTree ID="IsGoalNearby"/>'), None),
-    ('', '<TreeNodesModel><Condition ID="IsGoalNearby"/></TreeNodesModel>' + PLAIN.format(''), None),
-    ('main_tree_to_execute="MainTree"', PLAIN.format('').replace('"T"', '"MainTree"'), 'jazzy'),
-    ('main_tree_to_execute="MainTree"', PLAIN.format('<IsGoalNearby/>').replace('"T"', '"MainTree"'), 'main'),
-    ('', PLAIN.format('').replace('"T"', '"FollowPoint"'), 'main'),
-])  # fmt: skip
-def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, branch: str | None) -> None:
-    root = parse(Source('f', f'<root BTCPP_format="4" {attributes}>{trees}</root>'))
-    assert dialect_of(elements_of(root)) == branch
 
 
 def test_files_of_both_branches_run_side_by_side_each_with_its_nodes() -> None:

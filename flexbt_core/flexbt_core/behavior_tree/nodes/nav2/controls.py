@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import Final
 
 from flexbt_core.behavior_tree.engine import Control, NodeConfig, TreeNode
 from flexbt_core.behavior_tree.model import (
@@ -20,8 +20,6 @@ from flexbt_core.behavior_tree.model import (
     TickAbandoned,
     input_port,
 )
-
-from .dialects import Dialect
 
 
 class RecoveryNode(Control):
@@ -154,10 +152,14 @@ class RoundRobin(Control):
 
     __slots__ = ('_current', '_failures')
 
-    dialect: ClassVar[Dialect] = 'jazzy'
+    variant = 'jazzy'
     tries_all = True
 
-    ports = {'wrap_around': input_port(BOOL, default='true', description='whether the first child follows the last')}
+    ports = {
+        'wrap_around': input_port(
+            BOOL, default='true', description='whether the first child follows the last', variant='main'
+        )
+    }
     example = Example(
         """
         <RoundRobin><AlwaysFailure/><Script code="chosen := 'second'"/></RoundRobin>
@@ -218,7 +220,7 @@ class RoundRobinOfMain(RoundRobin):
     __slots__ = ()
 
     xml_name = 'RoundRobin'
-    dialect: ClassVar[Dialect] = 'main'
+    variant = 'main'
     ports = {'wrap_around': replace(RoundRobin.ports['wrap_around'], default='false')}
 
 

@@ -1,66 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The branches of Nav2 whose nodes differ, and how a file shows of which it is."""
+"""The branches of Nav2 whose nodes differ, and how a file shows of which it is.
+
+Which branch alone has a node or a port is said where that is declared: ``variant`` of its class, or of the port.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from functools import partial
 from typing import Final, Literal, get_args
 
-from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode
+from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode, declared_id
 
 Dialect = Literal['jazzy', 'main']
 """Branches of Nav2 whose nodes differ. Nodes and ports that only one has are there in both dialects."""
 
 DIALECTS: Final[tuple[Dialect, ...]] = get_args(Dialect)
-
-_OF_MAIN: Final = frozenset(
-    (
-        'AppendGoalPoseToGoals',
-        'CancelFollowObject',
-        'CheckPoseOccupancy',
-        'CheckStopStatus',
-        'ExtractRouteNodesAsGoals',
-        'FollowObject',
-        'GetNextFewGoals',
-        'IsGoalNearby',
-        'IsWithinPathTrackingBounds',
-        'NonblockingSequence',
-        'PathHandlerSelector',
-        'PauseResumeController',
-        'PersistentSequence',
-        'RemoveInCollisionGoals',
-        'ToggleCollisionMonitor',
-        'ValidatePath',
-        'WouldARouteRecoveryHelp',
-    )
-)
-
-ONLY_NODES: Final[Mapping[str, Dialect]] = {'IsPathValid': 'jazzy', **dict.fromkeys(_OF_MAIN, 'main')}
-"""Node types that one branch has."""
-
-ONLY_PORTS: Final[Mapping[str, Mapping[str, Dialect]]] = {
-    'BackUp': {'disable_collision_checks': 'main'},
-    'ClearCostmapAroundPose': {'plugins': 'main'},
-    'ClearCostmapAroundRobot': {'plugins': 'main'},
-    'ClearCostmapExceptRegion': {'plugins': 'main'},
-    'ClearEntireCostmap': {'plugins': 'main'},
-    'ComputePathThroughPoses': {'last_reached_index': 'main'},
-    'ComputePathToPose': {'viapoints': 'main'},
-    'DriveOnHeading': {'disable_collision_checks': 'main'},
-    'FollowPath': {'path_handler_id': 'main', 'tracking_feedback': 'main'},
-    'GoalReached': {'global_frame': 'jazzy'},
-    'GoalUpdater': {'input_goals': 'main', 'output_goals': 'main'},
-    'RemovePassedGoals': {
-        'global_frame': 'jazzy',
-        'input_waypoint_statuses': 'main',
-        'output_waypoint_statuses': 'main',
-    },
-    'RoundRobin': {'wrap_around': 'main'},
-    'Spin': {'disable_collision_checks': 'main'},
-    'TruncatePathLocal': {'robot_frame': 'jazzy', 'robot_base_frame': 'main'},
-    'Wait': {'error_code_id': 'main'},
-}
-"""Ports that one branch has, of nodes that both have. But for ``error_msg``, which is here a port of every action."""
 
 JAZZY_TREE: Final = 'MainTree'
 """What Nav2's own trees in jazzy are called."""
@@ -87,34 +43,38 @@ MAIN_TREES: Final = frozenset(
 """What they are called in main."""
 
 
-def dialect_of(elements: Iterable[tuple[str, Mapping[str, str]]]) -> Dialect | None:
+def _dialect_of(registry: NodeRegistry, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
     Nodes and ports that only one branch has tell it. Where there are none, the names of trees do: all of Nav2's own in
     jazzy are the main tree ``MainTree``, those of main have names of their own.
     """
-    told: set[Dialect] = set()
+    told: set[str] = set()
     named: Dialect | None = None
     for id, attributes in elements:
         if id == 'root' and attributes.get('main_tree_to_execute') == JAZZY_TREE:
             named = 'jazzy'
         elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
             named = 'main'
-        elif id in ONLY_NODES:
-            told.add(ONLY_NODES[id])
-        else:
-            told.update(branch for port, branch in ONLY_PORTS.get(id, {}).items() if port in attributes)
+        elif (manifest := registry.get(id)) is not None:
+            if not any(id in others for others in registry.variants.values()):
+                told.add(manifest.variant)
+            told.update(manifest.ports[name].variant for name in attributes.keys() & manifest.ports.keys())
+    told &= {*DIALECTS}
     if not told:
         return named
     return told.pop() if len(told) == 1 else None
 
 
-def register_dialects(registry: NodeRegistry, node_classes: Iterable[type[TreeNode]], dialect: Dialect) -> None:
+def register_dialects(registry: NodeRegistry, node_classes: Collection[type[TreeNode]], dialect: Dialect) -> None:
     """Makes node classes known as they are in ``dialect``, and for files of another branch as they are there.
 
-    A class that is one in a single branch names it, as ``dialect``.
+    A class that is one in a single branch names it, as ``variant``. Where the other branch has none of that name, it is
+    known in both, and a file that uses it shows its branch.
     """
-    registry.variant_of = dialect_of
+    registry.variant_of = partial(_dialect_of, registry)
+    classes = Counter(map(declared_id, node_classes))
     for node_class in node_classes:
-        branch = vars(node_class).get('dialect', dialect)
-        registry.register_class(node_class, variant='' if branch == dialect else branch)
+        branch = vars(node_class).get('variant', dialect)
+        is_other = branch != dialect and classes[declared_id(node_class)] > 1
+        registry.register_class(node_class, variant=branch if is_other else '')

@@ -67,6 +67,7 @@ class WouldARouteRecoveryHelp(AreErrorCodesPresent):
 
     __slots__ = ()
 
+    variant = 'main'
     default_codes = (400, 404, 405)
 
 

@@ -22,11 +22,12 @@ class NonblockingSequence(Control):
     """Ticks all its children at every tick. SUCCESS when all succeed in one tick; FAILURE as soon as one fails.
 
     Children that have succeeded are ticked again, without a reset, while others are RUNNING. A child that is skipped is
-    an error.
+    an error. Of the branch main of Nav2.
     """
 
     __slots__ = ()
 
+    variant = 'main'
     runs_several = True
     example = Example(
         '<NonblockingSequence><Sleep msec="100"/><Script code="n += 1"/></NonblockingSequence>',
@@ -55,11 +56,12 @@ class PersistentSequence(Control):
     """A Sequence that keeps its position on the blackboard, so that a halt, and even another run, goes on from there.
 
     SUCCESS and SKIPPED of a child advance ``current_child_idx``; the end and a FAILURE set it to 0. The entry has to be
-    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``.
+    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``. Of the branch main of Nav2.
     """
 
     __slots__ = ()
 
+    variant = 'main'
     ports = {'current_child_idx': inout_port(INT, description='{key} of the position, from 0')}
     example = Example(
         """
