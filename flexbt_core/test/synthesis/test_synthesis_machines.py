@@ -203,3 +203,12 @@ def test_a_relation_says_what_must_not_follow() -> None:
     change = ('failure: [press]}\n', "failure: [press]}\n    transition_relation: {completed: ['!press']}\n")
     origins = [line.origin for line in coffee(change).specification.lines if 'relation' in (line.origin or '')]
     assert origins == ["transition_relation '!press' of grind after completed (coffee.yaml:13)"]
+
+
+@pytest.mark.parametrize('parsed', [False, True])
+def test_at_the_end_nothing_is_active(parsed: bool) -> None:
+    """Nothing has to be possible any more then, and what is required to follow does not."""
+    once = ("preconditions: ['!press']", "preconditions: ['!press', '!brew']")
+    assert 'finished' in made(coffee(once, parsed=parsed)).outcomes
+    follows = ('[grind]}\n', '[grind]}\n    transition_relation: [press]\n')
+    assert synthesize(coffee(follows, parsed=parsed)).machine is None

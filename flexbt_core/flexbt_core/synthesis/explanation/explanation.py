@@ -14,7 +14,7 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_core.synthesis.games import Game, Join, Not, Section, Specification, Watch, names_in
-from flexbt_core.synthesis.inputs import OBJECTIVE, Problem
+from flexbt_core.synthesis.inputs import OBJECTIVE, ONE_ACTIVE, Problem
 
 from .conflict import smallest_conflict
 from .counter_play import CounterPlay
@@ -94,7 +94,7 @@ class _Question:
             case Kind.START:
                 return told
             case Kind.LUCK if self._exclude_each_other(conflict):
-                alone = 'it contradicts itself, or the values that there are'
+                alone = 'it contradicts itself, the values that there are, or what can be active at once'
                 them = alone if len(conflict) == 1 else 'they contradict each other'
                 return replace(told, remedies=(f'change what is asked for: {them}, whatever the capabilities do',))
             case Kind.LUCK:
@@ -132,7 +132,7 @@ class _Question:
         lines = self._specification.lines
         asked = [line for line in lines if line.origin in demands]
         begun = [line for line in lines if line.origin is None and line.section.value.endswith('INIT')]
-        meant = [line for line in lines if line.origin is None and line.rule == OBJECTIVE]
+        meant = [line for line in lines if line.origin is None and line.rule in (OBJECTIVE, ONE_ACTIVE)]
         return self._fails(Kind.LUCK, replace(self._specification, lines=(*asked, *begun, *meant)))
 
     def _never(self, conflict: Sequence[str]) -> list[str]:

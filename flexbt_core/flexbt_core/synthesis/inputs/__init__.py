@@ -6,13 +6,14 @@ from .hand_written import hand_written, is_whole
 from .interface import Interface, Interfaces, UnknownParameterError, read_interfaces
 from .request import FAILURE_OUTCOMES, Request, read_request
 from .specification_file import SpecificationFile, as_structured_slugs, read_specification
-from .translation import OBJECTIVE, Liveness, Options, Problem, translated
+from .translation import OBJECTIVE, ONE_ACTIVE, Liveness, Options, Problem, translated
 from .vocabulary import Vocabulary
 from .yaml_nodes import YamlFile
 
 __all__ = [
     'FAILURE_OUTCOMES',
     'OBJECTIVE',
+    'ONE_ACTIVE',
     'Capability',
     'CapabilityFile',
     'Interface',

@@ -38,6 +38,9 @@ GAVE_UP: Final = 'failed'
 OBJECTIVE: Final = 'the outcome of the machine stands for the goal'
 """The rule of what links the outcomes of the machine with the goals."""
 
+ONE_ACTIVE: Final = 'one capability, or outcome of the machine, is active, or several that may be concurrent'
+"""The rule of what can be active at once."""
+
 
 class Liveness(Enum):
     """What is assumed about failures, and what counts as success.
@@ -396,7 +399,7 @@ class Translation:
         self._frames()
 
     def _capabilities(self) -> None:
-        self._rule = 'one capability, or outcome of the machine, is active, or several that may be concurrent'
+        self._rule = ONE_ACTIVE
         words, add = self._vocabulary, self._add
         for name, outcomes in words.outcomes.items():
             active = words.active(name)
@@ -413,7 +416,10 @@ class Translation:
         if self._options.parsed:
             for one, other in combinations(self._file.mappings.transition_outcomes, 2):
                 add(Section.ENV_TRANS, f"!({one}' & {other}')")
-            add(Section.SYS_TRANS, f"({CAPABILITY}'!=0)")
+            # Upstream's formulas, kept with its liveness, demand that a capability is active even at the end.
+            idle = self._options.liveness is Liveness.FAIR or self._options.retries is not None
+            ended = ' | '.join(f"{end}'" for end in ends) if idle and ends else 'FALSE'
+            add(Section.SYS_TRANS, f"({CAPABILITY}'!=0) <-> !({ended})")
             for one, other in combinations(ends, 2):
                 add(Section.SYS_TRANS, f"!({one}' & {other}')")
             return
@@ -591,8 +597,7 @@ class Translation:
             words = self._vocabulary
             fails = ' | '.join(words.arrives(name, one) for one in words.outcomes[name] if one != hoped)
             self._add(Section.SYS_TRANS, f"{name}_x' <-> ({name}_x | {fails})")
-            ended = ''.join(f" & !{end}'" for end in words.ends.values())  # parsed, something is active even then
-            self._add(Section.SYS_TRANS, f"({name}_x'{ended}) -> !{words.active(name, primed=True)}")
+            self._add(Section.SYS_TRANS, f"{name}_x' -> !{words.active(name, primed=True)}")
 
     def _owed(self) -> None:
         """What was started and did not complete: upstream's assumptions, with or without pending flags."""
