@@ -79,8 +79,9 @@ def far_from(squares: Squares, x: float, y: float) -> Any:
 def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool) -> Any:
     """Whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
     height, width = obstacles.shape
-    for row in range(max(0, int(y - needed) - 1), min(height, int(y + needed) + 2)):
-        for column in range(max(0, int(x - needed) - 1), min(width, int(x + needed) + 2)):
+    reach = needed if to_centre else needed + 0.5
+    for row in range(max(0, math.ceil(y - reach - 0.5)), min(height, math.floor(y + reach + 0.5))):
+        for column in range(max(0, math.ceil(x - reach - 0.5)), min(width, math.floor(x + reach + 0.5))):
             if obstacles[row, column]:
                 up, right = abs(row + 0.5 - y), abs(column + 0.5 - x)
                 if not to_centre:
@@ -91,24 +92,41 @@ def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool
 
 
 def room(
-    obstacles: Bools, squares: Squares, corners: Weights, reach: float, slack: float, x: float, y: float, yaw: float
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    discs: Weights,
+    reach: float,
+    slack: float,
+    x: float,
+    y: float,
+    yaw: float,
 ) -> Any:
-    """How far, at least, the outline of the robot is from all obstacles; negative where it touches one.
+    """How far, at least, the outline of the robot can be moved until it touches an obstacle; negative where it does.
 
-    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``reach`` is the radius of the
-    circle that has all of it. What is inside of a polygon as a whole is not seen: who comes there has touched it
-    before.
+    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``discs``, shape (n, 3), centres and radii,
+    have all of it within them, and so has a circle of the radius ``reach`` round its centre. What is inside of a
+    polygon as a whole is not seen where the discs meet something: who comes there has touched it before.
     """
     height, width = obstacles.shape
     if not (0.0 <= y < height and 0.0 <= x < width):
         return -1.0
-    known = far_from(squares, x, y) - reach
-    if known >= slack + 1.0:
+    # From the square of a cell it is at least half a cell to its centre.
+    touching = TOUCH - 0.5 if len(corners) else 0.0
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    known = math.inf
+    for i in range(len(discs)):
+        dx, dy = discs[i, 0], discs[i, 1]
+        known = min(known, far_from(squares, x + dx * cos - dy * sin, y + dx * sin + dy * cos) - discs[i, 2] - touching)
+        if known < slack:
+            break
+    else:
         return known
     if len(corners) == 0:
         return -1.0 if touches(obstacles, x, y, reach + slack, False) else max(known, 0.0)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    least = math.inf
+    # From one place on the outline to the next it is a quarter of a cell.
+    needed = math.hypot(TOUCH + slack, 0.125)
+    least, before, step = math.inf, math.inf, 0.0
     for i in range(len(corners)):
         ax, ay = corners[i - 1, 0], corners[i - 1, 1]
         dx, dy = corners[i, 0] - ax, corners[i, 1] - ay
@@ -118,16 +136,14 @@ def room(
             px, py = ax + dx * at / length, ay + dy * at / length
             px, py = x + px * cos - py * sin, y + px * sin + py * cos
             gap = far_from(squares, px, py)
-            if gap < 1.2:
-                # From one place on the outline to the next it is a quarter of a cell.
-                if touches(obstacles, px, py, math.hypot(TOUCH + slack, 0.125), True):
-                    return -1.0
-                gap = 0.0
-            least = min(least, gap)
+            if gap < needed - 0.5 and touches(obstacles, px, py, needed, True):
+                return -1.0
+            least = min(least, (before + gap - step) / 2.0)
             if at == length:
                 break
-            at = min(length, at + max(0.25, gap - 0.5))
-    return least / 2.0
+            before, step = gap, min(length - at, max(0.25, gap - 0.5))
+            at = length if step == length - at else at + step
+    return max(least - touching, 0.0)
 
 
 def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
@@ -143,31 +159,41 @@ def cost_of_piece(
     obstacles: Bools,
     squares: Squares,
     corners: Weights,
+    discs: Weights,
     reach: float,
     slack: float,
     margin: float,
     pose: tuple[float, float, float],
+    gap: float,
     turn: float,
     length: float,
     turning_radius: float,
 ) -> Any:
-    """What it costs to drive a piece, infinite where the robot touches something on it, but for its beginning."""
+    """What it costs to drive a piece, infinite where the robot touches something on it, but for its beginning; and the
+    room that there is at its end. ``gap`` is that at its beginning.
+    """
+    x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
+    last = room(obstacles, squares, corners, discs, reach, slack, x, y, yaw)
+    if last < 0.0:
+        return math.inf, last
     swing = 1.0 + abs(turn) * reach / turning_radius
     whole = abs(length)
-    at, step, close = 0.0, min(whole, 0.5 / swing), 0.0
+    at, close = 0.0, 0.0
     while at < whole:
-        step = min(step, whole - at)
-        at += step
-        x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at, length), turning_radius)
-        gap = room(obstacles, squares, corners, reach, slack, x, y, yaw)
-        if gap < 0.0:
-            return math.inf
-        close += step * max(0.0, 1.0 - gap / margin)
-        step = max(0.5, gap) / swing
+        step, there = max(0.5, gap) / swing, last
+        if at + step + last / swing >= whole:  # what is left has been looked at from both of its ends
+            step = whole - at
+        else:
+            x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at + step, length), turning_radius)
+            there = room(obstacles, squares, corners, discs, reach, slack, x, y, yaw)
+            if there < 0.0:
+                return math.inf, last
+        close += step * (max(0.0, 1.0 - max(0.0, gap) / margin) + max(0.0, 1.0 - there / margin)) / 2.0
+        at, gap = at + step, there
     cost = whole + (CLOSE_COST - 1.0) * close
     if turn != 0.0:
         cost *= BEND_COST
-    return cost * REVERSE_COST if length < 0.0 else cost
+    return cost * REVERSE_COST if length < 0.0 else cost, last
 
 
 def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
@@ -235,6 +261,7 @@ def hybrid_search(
     obstacles: Bools,
     squares: Squares,
     corners: Weights,
+    discs: Weights,
     reach: float,
     slack: float,
     margin: float,
@@ -284,6 +311,7 @@ def hybrid_search(
         if looked % 64 == 0 and stop[0]:
             return numpy.empty((0, 2)), count
         pose = (poses[node, 0], poses[node, 1], poses[node, 2])
+        gap = room(obstacles, squares, corners, discs, reach, slack, pose[0], pose[1], pose[2])
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         right, up = (goal[0] - pose[0]) / turning_radius, (goal[1] - pose[1]) / turning_radius
         left = (total - spent[node]) / piece / EAGERNESS
@@ -295,7 +323,7 @@ def hybrid_search(
                 options[option, 6] = math.inf
                 if spent[node] + chosen[6] * turning_radius >= best:
                     break
-                here, cost = pose, spent[node]
+                here, there, cost = pose, gap, spent[node]
                 before = float(directions[node])
                 for i in range(3):
                     length = chosen[3 + i] * turning_radius
@@ -304,9 +332,11 @@ def hybrid_search(
                     if before * length < 0.0:
                         cost += REVERSAL_COST * turning_radius
                     before = length
-                    cost += cost_of_piece(
-                        obstacles, squares, corners, reach, slack, margin, here, chosen[i], length, turning_radius
-                    )
+                    added, there = cost_of_piece(
+                        obstacles, squares, corners, discs, reach, slack, margin, here, there, chosen[i], length,
+                        turning_radius,
+                    )  # fmt: skip
+                    cost += added
                     if cost >= best:
                         break
                     here = moved(here[0], here[1], here[2], chosen[i], length, turning_radius)
@@ -331,9 +361,10 @@ def hybrid_search(
             other = slots[slot]
             if other >= 0 and is_done[other]:
                 continue
-            cost = spent[node] + cost_of_piece(
-                obstacles, squares, corners, reach, slack, margin, pose, turn, length, turning_radius
+            added, _ = cost_of_piece(
+                obstacles, squares, corners, discs, reach, slack, margin, pose, gap, turn, length, turning_radius
             )
+            cost = spent[node] + added
             if directions[node] * length < 0.0:
                 cost += REVERSAL_COST * turning_radius
             if cost == math.inf or (other >= 0 and cost >= spent[other]):

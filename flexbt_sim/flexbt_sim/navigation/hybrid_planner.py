@@ -35,6 +35,9 @@ MOST_STATES: Final = 200_000
 MOST_INTERPRETED: Final = 10_000
 """The same where nothing is compiled: half a minute."""
 
+MOST_DISCS: Final = 20
+"""By which a robot is looked at first, before its outline is."""
+
 MOST_BLOCKS: Final = 60_000
 """In which distances to the goal are known beforehand."""
 
@@ -98,8 +101,8 @@ class HybridPlanner(GridPlanner):
             if rest := self._rest(path, start, goal):
                 return list(rest)
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
-        shape = self._shape
-        ends = self._on_grid(start), self._on_grid(goal)
+        shape = self.shape
+        ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
         slack = SLACK if all(car_loops().room(*shape, SLACK, *end) >= 0.0 for end in ends) else TIGHT
         ahead, block = self._ahead(target)
@@ -137,17 +140,19 @@ class HybridPlanner(GridPlanner):
         rest = path[nearest:]
         if beside[nearest] > 2.0 * MARGIN * radius:
             return ()
-        free = all(car_loops().room(*self._shape, TIGHT, *self._on_grid(pose)) >= 0.0 for pose in rest)
+        free = all(car_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in rest)
         return rest if free else ()
 
     @cached_property
-    def _shape(self) -> tuple[Any, ...]:
-        """Obstacles and robot as the loops have them, in cells."""
+    def shape(self) -> tuple[Any, ...]:
+        """Obstacles and robot as :func:`.hybrid_kernels.room` has them, in cells."""
         costmap, cell = self._costmap, self._costmap.world.resolution
         corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
-        return costmap.obstacles, costmap.squares, corners, costmap.inflation.outer_radius / cell
+        reach = costmap.inflation.outer_radius / cell
+        return costmap.obstacles, costmap.squares, corners, _discs(corners, reach), reach
 
-    def _on_grid(self, pose: Pose) -> tuple[float, float, float]:
+    def on_grid(self, pose: Pose) -> tuple[float, float, float]:
+        """A pose in cells, as the loops have it."""
         world = self._costmap.world
         row, column = world.grid_position(pose.x, pose.y)
         return column, row, float(pose.yaw - world.origin.yaw)
@@ -159,6 +164,22 @@ class HybridPlanner(GridPlanner):
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
         blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
         return car_loops().distances(blocks, target[0] // block, target[1] // block), block
+
+
+def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float64]:
+    """Centres and radii, shape (n, 3), of circles that have all of a robot within them: along its longer side, those
+    round rectangles that are half as long as wide.
+    """
+    if not len(corners):
+        return numpy.array([[0.0, 0.0, reach]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    along = int((high - low).argmax())
+    count = min(MOST_DISCS, math.ceil(2.0 * (high - low).max() / (high - low).min()))
+    side = (high - low) / numpy.where(numpy.arange(2) == along, count, 1)
+    discs = numpy.empty((count, 3))
+    discs[:, :2], discs[:, 2] = (low + high) / 2.0, math.hypot(*side) / 2.0
+    discs[:, along] = low[along] + side[along] * (numpy.arange(count) + 0.5)
+    return discs
 
 
 def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: Pose) -> list[Pose]:

@@ -88,6 +88,23 @@ def test_there_is_a_plan_to_wherever_a_car_has_driven(
     check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, here), start, here)
 
 
+def test_a_car_can_be_moved_by_the_room_that_it_has() -> None:
+    random = numpy.random.default_rng(3)
+    roomy = 0
+    for _ in range(5):
+        costmap = yard([(r, c, h, w) for r, c, h, w in random.integers((1, 1, 2, 2), (29, 39, 6, 7), (9, 4)).tolist()])
+        planner = HybridPlanner(costmap, Steering(RADIUS))
+        for x, y, yaw, direction in random.uniform((-19, -14, -3.1, -3.1), (19, 14, 3.1, 3.1), (200, 4)).tolist():
+            room = 0.2 * car_loops().room(*planner.shape, 0.25, *planner.on_grid(Pose(x, y, yaw)))
+            if room >= 0.0:
+                roomy += 1
+                assert not costmap.in_collision(Pose(x, y, yaw))
+                assert not costmap.in_collision(Pose(x, y, yaw + room / costmap.inflation.outer_radius))
+                there = Pose(x + room * math.cos(direction), y + room * math.sin(direction), yaw)
+                assert not costmap.in_collision(there)
+    assert roomy > 100
+
+
 LANE = ((0, 0, 12, 40), (18, 0, 12, 40))
 """A lane of 6 m between two blocks."""
 
@@ -117,7 +134,7 @@ def test_a_search_ends_when_it_is_stopped() -> None:
     stop = StopFlag()
     stop.set()
     wall = yard(((14, 0, 1, 40),))
-    shape = wall.obstacles, wall.squares, numpy.array(CORNERS) / 0.2, wall.inflation.outer_radius / 0.2, 0.25, 1.0
+    shape = *HybridPlanner(wall, Steering(RADIUS)).shape, 0.25, 1.0
     ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
     nothing = numpy.zeros(wall.obstacles.shape)
     pieces, states = car_loops().hybrid_search(*shape, nothing, 1, *ends, 25.0, True, 100_000, stop.cell)
