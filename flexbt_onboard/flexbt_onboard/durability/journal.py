@@ -94,8 +94,9 @@ class JournalState:
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
-    ``on_problem`` is told when it cannot be written any more, and '' when it can be again: the executive goes on, but
-    would not know after a crash what happened from there on. It is told before anybody is told what is not written.
+    ``on_problem`` is told when it cannot be written any more, each reason once, and '' when it can be again: the
+    executive goes on, but would not know after a crash what happened from there on. It is told before anybody is told
+    what is not written.
     """
 
     def __init__(self, file: Path, on_problem: Callable[[str], None], clock: Clock) -> None:
@@ -119,7 +120,7 @@ class Journal:
         self._is_anew = True  # the file has to be written anew
         self._is_writing = False
         self._telling = threading.Lock()
-        self._has_problem = False
+        self._problems: set[object] = set()  # kinds of those that were told since it was written last
         self._is_closed = False
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
@@ -155,7 +156,7 @@ class Journal:
         written, after this was told.
         """
         with self._changed:
-            if self._durable < self._appended and not self._has_problem and not self._is_closed:
+            if self._durable < self._appended and not self._problems and not self._is_closed:
                 self._waiting.append((self._appended, then))
                 return
         then()
@@ -204,7 +205,7 @@ class Journal:
     def _write_until_closed(self) -> None:
         while True:
             with self._changed:
-                if self._has_problem:
+                if self._problems:
                     self._changed.wait_for(lambda: self._is_closed, RETRY_SECONDS)
                 self._changed.wait_for(lambda: self._durable < self._appended or self._is_closed)
                 if self._durable == self._appended:
@@ -215,7 +216,7 @@ class Journal:
                     lines = self.state.lines()
                 self._is_writing, self._is_anew = True, False
             watchdog = self._clock.call_at(self._clock.now() + STUCK_SECONDS, self._tell_stuck)
-            problem = ''
+            problem, kind = '', None
             try:
                 if is_anew:
                     self._write_anew(lines)
@@ -223,12 +224,13 @@ class Journal:
                     self._write(lines)
             except Exception as error:
                 # Whatever it is: a thread that ends here would leave all waiting who have something to tell.
-                kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
-                problem = f'the journal {self.file} cannot be written: {kind}{error}; a crash now would lose the run'
+                name = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
+                problem = f'the journal {self.file} cannot be written: {name}{error}; a crash now would lose the run'
+                kind = type(error), getattr(error, 'errno', None)
             watchdog.cancel()
             with self._telling:
                 self._is_writing = False
-                self._tell(problem)
+                self._tell(kind, problem)
             with self._changed:
                 if not problem:
                     self._durable = appended
@@ -243,22 +245,25 @@ class Journal:
             if not self._is_writing:
                 return
             self._tell(
+                TimeoutError,
                 f'the journal {self.file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; what '
-                'is shown from now on would be lost in a crash'
+                'is shown from now on would be lost in a crash',
             )
         self._release()
 
-    def _tell(self, problem: str) -> None:
-        if bool(problem) != self._has_problem:
+    def _tell(self, kind: object, problem: str) -> None:
+        """Tell a kind of problem once; None, and '', when there is none any more."""
+        told = {kind} | self._problems if problem else set()
+        if told != self._problems:
             self._on_problem(problem)
             with self._changed:
-                self._has_problem = bool(problem)
+                self._problems = told
 
     def _release(self) -> None:
         """Call those who wait for what is durable; all of them when they have been told that nothing is."""
         while True:
             with self._changed:
-                if not self._waiting or (self._waiting[0][0] > self._durable and not self._has_problem):
+                if not self._waiting or (self._waiting[0][0] > self._durable and not self._problems):
                     return
                 _, then = self._waiting.popleft()
             then()

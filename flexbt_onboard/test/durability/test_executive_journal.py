@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -404,7 +405,9 @@ def test_a_directory_that_disappears_is_told_and_made_again(tmp_path: Path, open
 
 
 class SlowDisk:
-    """Lets fdatasync and fsync wait until it is told to go on."""
+    """Lets fdatasync and fsync wait until it is told to go on, and then raise ``error`` if there is one."""
+
+    error: OSError | None = None
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.goes = threading.Event()
@@ -416,6 +419,8 @@ class SlowDisk:
         def wait(descriptor: int) -> None:
             self.entered.set()
             assert self.goes.wait(60.0)
+            if self.error is not None:
+                raise self.error
             real(descriptor)
 
         return wait
@@ -448,6 +453,20 @@ def test_nobody_waits_for_a_slow_disk_but_who_wants_to_know(tmp_path: Path, monk
     wait_until(lambda: told[1:] == [''], lambda: told)
     journal.close()
     assert state_of(list(read_journal(journal.file.read_bytes()).lines)) == journal.state
+
+
+def test_a_disk_that_hangs_and_then_is_full_is_told_as_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, told = ManualClock(), list[str]()
+    journal = written(Journal(tmp_path / 'e.journal', told.append, clock))
+    disk = SlowDisk(monkeypatch)
+    journal.append(begin=begin_of('r'))
+    assert disk.entered.wait(60.0)
+    clock.advance(STUCK_SECONDS + 0.1)
+    disk.error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    disk.goes.set()
+    wait_until(lambda: len(told) > 1, lambda: told)
+    journal.close()
+    assert 'does not answer' in told[0] and 'No space left' in told[1]
 
 
 def test_lines_that_wait_for_a_disk_are_bounded_and_none_is_lost(
