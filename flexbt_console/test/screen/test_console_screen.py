@@ -33,24 +33,27 @@ from flexbt_console.mirror import (
     ExecutiveState,
     Fleet,
     GridMap,
+    LogLine,
     Mirror,
     NodeKind,
     NodeStatus,
     Peer,
     Pose,
     ResultCode,
+    Severity,
     Snapshot,
     StateKind,
     StateStructure,
     Structure,
     TreeNode,
 )
-from flexbt_console.pictures import ASCII, acting_lines, width
+from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
 from flexbt_console.ui.screen import KEYS, OperatorScreen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
 from flexbt_console.ui.screen.machine_lines import machine_lines
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Pane
+from flexbt_console.ui.screen.status_lines import alarm_text, status_text
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -619,6 +622,27 @@ def test_at_every_width_the_bar_has_the_choice_that_is_picked_and_no_row_is_too_
             bar = decision_lines(robot.mirror.view(), choices[-1], columns, ASCII)
             assert len(bar) <= ROWS and all(width(row) <= columns for row in bar), (columns, bar)
             assert columns < 4 or any('[' in row and ']' in row for row in bar), (columns, bar)
+
+
+def test_long_names_push_nothing_out_that_has_to_be_seen() -> None:
+    robot, name = Robot(), '巡回 patrol ' * 20
+    path = f'/{name.strip()}'
+    state = StateStructure(path, StateKind.STATE, 'Drive', (), ('done', f'failed {name}'), (path, path))
+    robot.mirror.receive_structure(Structure('r1', name, (dataclasses.replace(STRUCTURE.states[0]), state)))
+    robot.mirror.receive_log(LogLine('e', 1, Severity.WARN, 'a crate is in the way', path, 'r1', 4.0))
+    asked = dataclasses.replace(PLAN, path=path, outcomes=state.outcomes, since=1.0)
+    robot.show(
+        asked, behavior=name, active_states=(ActiveState(path, 1.0),), authority='ann', authority_requests=('bob', name)
+    )
+    view = robot.mirror.view()
+    asked_rows = '\n'.join(decision_lines(view, 'done', 80, UNICODE))
+    for text in (' wants done ', '4.0 s', 'because WARN: a crate is in the way', '[1 done*', ' 2 failed'):
+        assert text in asked_rows, text
+    assert any(line.endswith(' patrol  4 s') for line in machine_lines(view, 40, 12, UNICODE))
+    first = status_text(view, 80, '', '1 other needs you: o').plain
+    assert '  autonomy 1 Low  authority ann' in first and first.rstrip().endswith('  1 other needs you: o'), first
+    assert alarm_text(view, 80, 'ann').plain.startswith(' asks for the authority, "c" hands it over: bob, ')
+    assert not alarm_text(view, 80, 'bob').plain
 
 
 def test_parents_in_a_ring_do_not_hang_the_screen() -> None:

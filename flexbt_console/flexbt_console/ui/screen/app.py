@@ -301,7 +301,7 @@ class OperatorScreen(App[None]):
     def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
         return (
             ('status', self._status),
-            ('alarm', lambda view, columns, rows: alarm_text(view, columns, is_recorded=self._replay is not None)),
+            ('alarm', self._alarm),
             ('machine', self._machine),
             ('map', self._map.draw),
             ('decision', self._decision),
@@ -336,6 +336,9 @@ class OperatorScreen(App[None]):
         if len(self._overview) < 2:
             return status_text(view, columns, 'RECORDING' if self._replay else '', '')
         return status_text(view, columns, self._robot, others_text(self._overview, self._robot))
+
+    def _alarm(self, view: View, columns: int, rows: int) -> Text:
+        return alarm_text(view, columns, self._make.operator, is_recorded=self._replay is not None)
 
     def _lines(self, view: View, columns: int, rows: int) -> Text:
         # What became of one's own commands is told already.

@@ -10,7 +10,7 @@ from typing import Final
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, DecisionKind, StateStructure, View
-from flexbt_console.pictures import Glyphs, acting_lines, cut, fold, width
+from flexbt_console.pictures import Glyphs, acting_lines, cut, cut_middle, fold, width
 from flexbt_console.present import Line, Tone, age_text, asked_text, reason_lines, tone_of
 from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
@@ -108,13 +108,14 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
         return [Line('nothing waits for you', Tone.DIM), *folded]
     tail = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
     tail += f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
-    head = f'{signs.waits} {asked_text(decision, snapshot)}'
+    where = one_line(decision.path)
+    head = f'{signs.waits} {cut_middle(where, columns // 2)}{asked_text(decision, snapshot).removeprefix(where)}'
     reasons = [Line(f'  {line}', tone_of(line)) for line in reason_lines(decision, view)[:1]]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
     room = ROWS - len(told)
-    heads = fold(head, columns, most := max(1, min(2, room)))
+    heads = fold(head, columns, most := max(1, min(2, room - len(reasons))))
     if width(heads[-1]) + width(tail) > columns and len(heads) < most:
         heads.append(' ')
     heads[-1] = cut(heads[-1], columns - width(tail)) + tail  # also of a head that is cut

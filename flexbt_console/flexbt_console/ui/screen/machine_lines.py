@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from flexbt_console.mirror import ActiveState, AutonomyLevel, Snapshot, StateKind, StateStructure, View
-from flexbt_console.pictures import Glyphs, cut, window
+from flexbt_console.pictures import Glyphs, cut, cut_middle, window
 from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
 from flexbt_core.values import one_line
 
@@ -50,7 +50,12 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
         if len(ranked) > rows:
             ranked = [one for one in ranked if one.rank < last]
     marked = next((place for place, one in enumerate(ranked) if one.path == first), 0)
-    return [Line(cut(line, columns), tone_of(line)) for line in window([one.line for one in ranked], marked, rows)]
+    # Of what is active the end tells for how long, and what is special about it.
+    shown = [
+        Line(cut_middle(one.line, columns), tone_of(one.line)) if one.rank is _Rank.ACTIVE else one.line
+        for one in ranked
+    ]
+    return [Line(cut(line, columns), tone_of(line)) for line in window(shown, marked, rows)]
 
 
 def _state(

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from rich.text import Text
 
 from flexbt_console.mirror import ExecutiveEvent, LogLine, View
-from flexbt_console.pictures import cut, fold
+from flexbt_console.pictures import cut, fold, width
 from flexbt_console.present import (
     Line,
     Tone,
@@ -43,14 +43,22 @@ def status_text(view: View, columns: int, robot: str, others: str) -> Text:
         return styled([Line(cut(text, columns), Tone.ERROR)])
     link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
     authority = f'  authority {authority_text(snapshot)}' if snapshot.authority else ''
-    text = f' {who}{link}  {what_runs(view)}  autonomy {autonomy_text(snapshot.autonomy)}{authority}{needs}'
-    shown = styled([Line(cut(text, columns).ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
+    may = f'  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
+    text = _with_end(_with_end(f' {who}{link}  {what_runs(view)}', may, columns - width(needs)), needs, columns)
+    shown = styled([Line(text.ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
     shown.stylize('reverse')
     return shown
 
 
-def alarm_text(view: View, columns: int, *, is_recorded: bool = False) -> Text:
-    """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows."""
+def _with_end(text: str, end: str, columns: int) -> str:
+    """Where both are too long, the first has a third of the columns."""
+    return cut(cut(text, max(columns // 3, columns - width(end))) + end, columns)
+
+
+def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
+    """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
+    authority.
+    """
     snapshot = view.snapshot
     shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
     if view.problem:
@@ -61,6 +69,9 @@ def alarm_text(view: View, columns: int, *, is_recorded: bool = False) -> Text:
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
+        if snapshot.authority_requests and snapshot.authority == operator:
+            who = ', '.join(map(one_line, snapshot.authority_requests))
+            shown.append(Line(f'asks for the authority, "c" hands it over: {who}', Tone.WARNING))
     return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown[:ALARM_ROWS]])
 
 
