@@ -97,9 +97,10 @@ class Station:
     def run_tree(self) -> Any:
         """Have the BT server of the robot run the tree of deadlines; the goal."""
         from flexbt_common import names
-        from flexbt_common.calls import ActionLinks, SentGoal
+        from flexbt_common.calls import ActionLinks
         from flexbt_msgs.action import BtExecute, BtLoad
         from flexbt_msgs.msg import TreeStatus
+        from flexbt_testing.nodes.sent_goal import SentGoal
 
         links = ActionLinks(self._runtime)
         loaded = SentGoal(links.link(BtLoad, names.BT_LOADER), BtLoad.Goal(xml=TREE), DEADLINE).result

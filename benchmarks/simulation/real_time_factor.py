@@ -25,8 +25,9 @@ from nav2_msgs.action import ComputePathToPose, FollowPath
 from simulation_interfaces.srv import GetEntityState
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
+from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.system.processes import Stack
 
 PLACES = ((3.8, 1.2), (0.8, 4.45), (9.6, 6.6), (10.0, 2.3))

@@ -4,7 +4,6 @@
 from .action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from .goal_admission import GoalAdmission
 from .goal_server import GoalFault, GoalServer, ServedGoal, goal_servers, set_error
-from .sent_goal import SentGoal
 from .service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome, service_outcome
 
 __all__ = [
@@ -16,7 +15,6 @@ __all__ = [
     'GoalOutcome',
     'GoalServer',
     'GoalStatus',
-    'SentGoal',
     'ServedGoal',
     'ServiceCall',
     'ServiceLink',

@@ -8,13 +8,13 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from flexbt_common.runtime import NodeRuntime
 
 
-class Link(Protocol):
+class ServerLink(Protocol):
     """The connection to one server; made on the executor thread."""
 
     def __init__(self, runtime: NodeRuntime, server_type: Any, name: str) -> None: ...
 
 
-LinkT = TypeVar('LinkT', bound=Link)
+LinkT = TypeVar('LinkT', bound=ServerLink)
 
 
 class Links(Generic[LinkT]):

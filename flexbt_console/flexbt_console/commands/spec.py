@@ -171,6 +171,14 @@ class AskedRobot(Protocol):
         ...
 
 
+class CommandedRobot(AskedRobot, Protocol):
+    """A robot that is asked and commanded: the operator link, as far as user interfaces use it."""
+
+    def send(self, command: Command, timeout: float, label: str) -> object:
+        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
+        ...
+
+
 class NobodyAsked:
     """Stands for a robot where there is none to ask; ``why`` is told."""
 

@@ -22,6 +22,7 @@ from flexbt_common.cli import abandon_stdout, is_full, keep_stdout_for_python, m
 from flexbt_console.commands import (
     SCAN_PERIOD,
     CommandBuilder,
+    CommandedRobot,
     CommandLine,
     Mode,
     TypedLine,
@@ -234,7 +235,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
 
 def _run_web(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, Link, Station, WebServer, print_address, run_web
+        from .web import Access, Station, WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
             raise
@@ -249,7 +250,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         operator, simulator = _operator(line), SimulatorLink(runtime)
         attention = Attention(runtime.steady)
 
-        def station(mirror: Mirror, link: Link) -> Station:
+        def station(mirror: Mirror, link: CommandedRobot) -> Station:
             return Station(mirror, link, CommandBuilder(operator), _timeout(line), attention, simulator)
 
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)

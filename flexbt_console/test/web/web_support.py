@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from flexbt_console.commands import CommandBuilder, NobodyAsked
+from flexbt_console.commands import CommandBuilder, CommandedRobot, NobodyAsked
 from flexbt_console.mirror import (
     ActiveState,
     Behavior,
@@ -40,7 +40,7 @@ from flexbt_console.mirror import (
     UserdataScope,
 )
 from flexbt_console.ui.interaction import Attention
-from flexbt_console.ui.web import Access, Link, Station, WebServer, serving
+from flexbt_console.ui.web import Access, Station, WebServer, serving
 from flexbt_core.clock import ManualClock
 
 NASTY = '<img src=x onerror=alert(1)>'
@@ -121,7 +121,7 @@ class WebRobot(NobodyAsked):
         self.mirror.receive_snapshot(self.snapshot)
 
     def send(self, command: Command, timeout: float, label: str) -> object:
-        """See :class:`flexbt_console.ui.web.Link`."""
+        """See :class:`flexbt_console.commands.CommandedRobot`."""
         tracked = self.mirror.give(command, timeout, label)
         with self.arrived:
             self.sent.append(command)
@@ -131,7 +131,7 @@ class WebRobot(NobodyAsked):
         return tracked
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
-        """See :class:`flexbt_console.ui.web.Link`."""
+        """See :class:`flexbt_console.commands.CommandedRobot`."""
         return ()
 
     def wait_sent(self, count: int, timeout: float = 60.0) -> list[Command]:
@@ -166,7 +166,7 @@ class WebRobots:
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
 
-    def robot(self, name: str) -> tuple[Mirror, Link]:
+    def robot(self, name: str) -> tuple[Mirror, CommandedRobot]:
         """See :class:`flexbt_console.ui.web.Robots`."""
         station = self.stations.get(name)
         return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())
@@ -179,7 +179,7 @@ class WebRobots:
         """See :class:`flexbt_console.ui.web.Robots`."""
         self.opened.remove(name)
 
-    def station(self, mirror: Mirror, link: Link) -> Station:
+    def station(self, mirror: Mirror, link: CommandedRobot) -> Station:
         """What the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
         return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))

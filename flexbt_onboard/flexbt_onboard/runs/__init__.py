@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs of behaviors: each on a thread of its own, seen as values."""
 
-from .behavior_run import BehaviorRun, RunObserver
+from .behavior_run import BehaviorRun, BehaviorRunObserver
 from .callback_watch import LIMIT, CallbackWatch, HeldUp
 from .operator_watch import OperatorWatch
 from .run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunPhase, RunSnapshot
@@ -12,6 +12,7 @@ __all__ = [
     'LIMIT',
     'ActiveLeaf',
     'BehaviorRun',
+    'BehaviorRunObserver',
     'CallbackWatch',
     'HeldUp',
     'LastRun',
@@ -19,7 +20,6 @@ __all__ = [
     'RunDecision',
     'RunDisplay',
     'RunEnd',
-    'RunObserver',
     'RunPhase',
     'RunSnapshot',
     'RunSupervisor',

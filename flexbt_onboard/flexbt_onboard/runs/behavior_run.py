@@ -70,7 +70,7 @@ _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is aborted."""
 
 
-class RunObserver(Protocol):
+class BehaviorRunObserver(Protocol):
     """Hears of a run, on the thread of the run; ``changed``, ``log`` and ``stopping`` from any thread."""
 
     def changed(self) -> None:
@@ -109,7 +109,7 @@ class BehaviorRun:
         request: RunRequest,
         run_id: str,
         services: StateServices,
-        observer: RunObserver,
+        observer: BehaviorRunObserver,
         stop_timeout: float = STOP_TIMEOUT,
         monitoring: Monitoring | None = None,
     ) -> None:
@@ -169,7 +169,7 @@ class BehaviorRun:
         self._wake_event.set()
 
     def stop(self, reason: str) -> None:
-        """Stop the run; :meth:`RunObserver.ended` follows when everything has halted. The first reason counts."""
+        """Stop the run; :meth:`BehaviorRunObserver.ended` follows when all has halted. The first reason counts."""
         with self._lock:
             if self._stop_reason is not None:
                 return

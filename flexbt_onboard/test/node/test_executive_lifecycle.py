@@ -15,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.calls import ActionLinks, GoalStatus
 from flexbt_common.lifecycle import ManagedNode
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
@@ -26,6 +26,7 @@ from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parame
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.waiting import wait_until
 

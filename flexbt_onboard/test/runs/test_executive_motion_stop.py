@@ -16,15 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
-from flexbt_common.calls import (
-    ActionCall,
-    ActionLinks,
-    GoalOutcome,
-    GoalStatus,
-    SentGoal,
-    ServiceLinks,
-    service_outcome,
-)
+from flexbt_common.calls import ActionCall, ActionLinks, GoalOutcome, GoalStatus, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, participant_of
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
@@ -32,6 +24,7 @@ from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
 from flexbt_onboard.runs import StopWatch
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.waiting import wait_until
 
 FRONT = 'navigate_to_pose'

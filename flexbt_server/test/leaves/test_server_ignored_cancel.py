@@ -10,10 +10,11 @@ import pytest
 from rclpy.action import CancelResponse
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.values import to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, open_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 

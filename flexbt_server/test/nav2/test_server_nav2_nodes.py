@@ -12,11 +12,12 @@ from nav_msgs.msg import Goals, Odometry
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import SentGoal, ServiceLinks, service_outcome
+from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.errors import ServerParameterError
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, install_nodes, open_world, pose
 from flexbt_testing.waiting import DEADLINE, wait_until
 

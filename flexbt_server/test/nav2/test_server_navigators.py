@@ -19,7 +19,7 @@ from nav2_msgs.msg import BehaviorTreeLog
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.calls import ActionLinks, GoalStatus
 from flexbt_common.errors import ResourceError
 from flexbt_common.runtime import resolve_file
 from flexbt_common.values import from_entry
@@ -29,6 +29,7 @@ from flexbt_server.errors import ServerParameterError
 from flexbt_server.nav2 import motion_actions
 from flexbt_server.navigators import activation
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, open_world, pose
 from flexbt_testing.waiting import DEADLINE, wait_until
 

@@ -17,12 +17,13 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_server.trees import FoundTree, TreeStore
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 

@@ -15,13 +15,14 @@ from nav_msgs.msg import Path as RobotPath
 from std_msgs.msg import Bool
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world, pose
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, from_entry, to_entry
@@ -31,6 +31,7 @@ from flexbt_server.runs.overruns import Overruns
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import (
     Client,
     Navigation,

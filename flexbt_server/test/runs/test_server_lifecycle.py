@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.lifecycle import ManagedNode, NodeScope
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
@@ -27,6 +27,7 @@ from flexbt_msgs.srv import ControlTree
 from flexbt_server.goals import tree_reader
 from flexbt_server.node import BtServer, declare_parameters
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import Client, Navigation, document
 from flexbt_testing.pytest_plugin import entities_of
 from flexbt_testing.waiting import DEADLINE, wait_until

@@ -18,7 +18,7 @@ import pytest
 from server_model import NEVER, Model, ModelGoal, Plan, make_plan
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, from_entry, to_entry
@@ -26,6 +26,7 @@ from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.behavior_trees.faulty_leaves import Work, tree_threads
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 

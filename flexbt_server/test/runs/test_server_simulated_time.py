@@ -11,10 +11,10 @@ import pytest
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
-from flexbt_common.calls import SentGoal
 from flexbt_common.values import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, install_nodes, open_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 

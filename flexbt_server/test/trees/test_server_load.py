@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, open_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 

@@ -13,11 +13,12 @@ from ament_index_python.packages import get_package_prefix
 from nav2_msgs.action import Wait
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator import Simulator
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import FAST, open_probe, open_simulator, without_faults
 from flexbt_testing.waiting import DEADLINE, wait_until
 

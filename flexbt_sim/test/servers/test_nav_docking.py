@@ -14,8 +14,9 @@ from nav2_msgs.srv import ReloadDockDatabase
 from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.simulator import built_in_map
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import Probe, aborted, open_world, pose
 
 Result, Feedback = DockRobot.Result, DockRobot.Feedback

@@ -16,9 +16,10 @@ from nav2_msgs.msg import CollisionMonitorState
 from nav2_msgs.srv import Toggle
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import RosClock
 from flexbt_common.values import seconds_of
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
 
 FREE = (4.0, 4.45, 0.0)

@@ -14,9 +14,10 @@ from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
 from nav_msgs.msg import Path
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.values import seconds_of
 from flexbt_sim.ros_messages import pose_of
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, open_world, pose
 from flexbt_testing.waiting import DEADLINE
 

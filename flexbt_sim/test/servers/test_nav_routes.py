@@ -19,8 +19,9 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.ros_messages import pose_of
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, FAST, Probe, aborted, open_world, pose
 from flexbt_testing.waiting import wait_until
 

@@ -13,7 +13,8 @@ from nav2_msgs.action import SmoothPath
 from nav_msgs.msg import Path
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
 
 Result = SmoothPath.Result

@@ -13,8 +13,9 @@ from nav2_msgs.action import AssistedTeleop, Spin
 from std_msgs.msg import Empty
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_common.values import seconds_of
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, Probe, aborted, open_world
 
 Result = AssistedTeleop.Result

@@ -13,10 +13,11 @@ from builtin_interfaces.msg import Duration
 from rclpy.serialization import serialize_message
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal, ServedGoal
+from flexbt_common.calls import GoalStatus, ServedGoal
 from flexbt_common.runtime import Received, tells_writers
 from flexbt_common.values import duration_message, seconds_of
 from flexbt_sim.server_common import RobotInterface, declare_navigation_parameters, robot_interface
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world, pose, without_faults
 from flexbt_testing.waiting import uncontended_time
 

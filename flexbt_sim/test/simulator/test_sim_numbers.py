@@ -21,10 +21,11 @@ from nav_msgs.msg import OccupancyGrid
 from rosidl_parser.definition import AbstractSequence, BasicType, NamespacedType
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import load_map
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import ACTIONS, DOCK, OFFICE, Probe, line, open_world, pose
 from flexbt_testing.waiting import wait_until
 

@@ -38,7 +38,7 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.calls import ActionLinks, GoalStatus
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import seconds_of
@@ -46,6 +46,7 @@ from flexbt_msgs.srv import SetFault
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import Probe, pose, without_faults
 from flexbt_testing.waiting import wait_until
 

@@ -32,13 +32,14 @@ from nav2_msgs.msg import RouteNode
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, SentGoal
+from flexbt_common.calls import ActionLinks
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_server.node import BtServer
 
 from .scripted_action_server import Answer, ScriptedActionServer
+from .sent_goal import SentGoal
 
 
 def pose(x: float, y: float = 0.0, frame: str = 'map') -> PoseStamped:

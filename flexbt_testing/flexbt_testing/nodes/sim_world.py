@@ -34,13 +34,14 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
+from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_sim.nodes import Navigation
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator
 
 from ..waiting import DEADLINE, MESSAGE_BYTES
+from .sent_goal import SentGoal
 
 T = TypeVar('T')
 

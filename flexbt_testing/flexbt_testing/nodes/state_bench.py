@@ -36,7 +36,7 @@ class Run:
         self.behavior_run = BehaviorRun(RunRequest(entry, arguments, (), autonomy), 'run', services, self)
         self.behavior_run.start()
 
-    # What the run tells (RunObserver).
+    # What the run tells (BehaviorRunObserver).
     def changed(self) -> None:
         self.told.append(self.behavior_run.snapshot)
 

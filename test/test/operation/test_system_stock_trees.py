@@ -22,10 +22,11 @@ from nav2_msgs.srv import ClearEntireCostmap
 from std_srvs.srv import SetBool, Trigger
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus, SentGoal
+from flexbt_common.calls import GoalStatus
 from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import Probe, open_probe, pose
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until

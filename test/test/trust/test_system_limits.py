@@ -16,12 +16,13 @@ from rclpy.duration import Duration
 from rclpy.qos import LivelinessPolicy, QoSProfile
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal, ServiceLinks, service_outcome
+from flexbt_common.calls import ActionLinks, GoalStatus, ServiceLinks, service_outcome
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.liveness import LEASE_SECONDS
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_testing.nodes.oversized import oversized
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until

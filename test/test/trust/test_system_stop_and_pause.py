@@ -12,10 +12,11 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks, GoalStatus, SentGoal
+from flexbt_common.calls import ActionLinks, GoalStatus
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack

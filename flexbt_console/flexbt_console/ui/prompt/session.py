@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from prompt_toolkit import PromptSession
 from prompt_toolkit.application import in_terminal
@@ -27,9 +27,17 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import (
+    Ask,
+    CommandBuilder,
+    CommandedRobot,
+    Show,
+    candidates,
+    prompt_command_help,
+    prompt_help,
+)
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Command, CommandState, Mirror, View
+from flexbt_console.mirror import CommandState, Mirror, View
 from flexbt_console.pictures import fold
 from flexbt_console.present import (
     SETTLE_SECONDS,
@@ -47,14 +55,6 @@ from flexbt_core.values import lines, one_line
 
 from .terminal import MOST_TYPED, RawInput, is_gone
 from .toolbar import toolbar
-
-
-class Link(AskedRobot, Protocol):
-    """The operator link, as far as the prompt uses it."""
-
-    def send(self, command: Command, timeout: float, label: str) -> object:
-        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-
 
 AGE_SECONDS: Final = 0.5
 """How often the age of the picture is drawn anew while nothing else happens."""
@@ -81,7 +81,7 @@ _SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 
 def run_prompt(
     mirror: Mirror,
-    link: Link,
+    link: CommandedRobot,
     make: CommandBuilder,
     timeout: float,
     clock: Clock,
@@ -114,7 +114,7 @@ class Prompt:
     def __init__(
         self,
         mirror: Mirror,
-        link: Link,
+        link: CommandedRobot,
         make: CommandBuilder,
         timeout: float,
         clock: Clock,

@@ -24,9 +24,17 @@ from textual.timer import Timer
 from textual.widget import AwaitMount
 from textual.widgets import Input
 
-from flexbt_console.commands import Ask, AskedRobot, CommandBuilder, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import (
+    Ask,
+    CommandBuilder,
+    CommandedRobot,
+    Show,
+    candidates,
+    prompt_command_help,
+    prompt_help,
+)
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Command, CommandState, Decision, Fleet, Mirror, RobotOverview, View
+from flexbt_console.mirror import Behavior, CommandState, Decision, Fleet, Mirror, RobotOverview, View
 from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import (
     Line,
@@ -69,20 +77,13 @@ TOLD_LINES: Final = 200
 ZOOMED: Final = ('machine', 'map', 'log')
 
 
-class Link(AskedRobot, Protocol):
-    """The operator link, as far as the screen uses it."""
-
-    def send(self, command: Command, timeout: float, label: str) -> object:
-        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
-
-
 class Robots(Protocol):
     """Several robots, one of which is on the screen; see :class:`flexbt_console.link.FleetLink`."""
 
     fleet: Fleet
     own: str
 
-    def select(self, name: str) -> tuple[Mirror, Link]:
+    def select(self, name: str) -> tuple[Mirror, CommandedRobot]:
         """Have map and trees come from a robot, and give its mirror and its link."""
 
 
@@ -171,7 +172,7 @@ class OperatorScreen(App[None]):
     def __init__(
         self,
         mirror: Mirror,
-        link: Link,
+        link: CommandedRobot,
         make: CommandBuilder,
         timeout: float,
         clock: Clock,
@@ -712,7 +713,7 @@ class OperatorScreen(App[None]):
 
 def run_screen(
     mirror: Mirror,
-    link: Link,
+    link: CommandedRobot,
     make: CommandBuilder,
     timeout: float,
     clock: Clock,

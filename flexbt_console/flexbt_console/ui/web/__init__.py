@@ -4,12 +4,11 @@
 from .access import Access
 from .run import print_address, run_web, screen_application, serving
 from .server import MOST_PAGES, WebServer
-from .station import Link, Obstacles, Robots, Station
+from .station import Obstacles, Robots, Station
 
 __all__ = [
     'MOST_PAGES',
     'Access',
-    'Link',
     'Obstacles',
     'Robots',
     'Station',

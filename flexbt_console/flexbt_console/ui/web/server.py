@@ -11,6 +11,7 @@ from typing import Final
 from aiohttp import web
 
 from flexbt_common.pictures import STYLE
+from flexbt_console.commands import CommandedRobot
 from flexbt_console.mirror import Mirror
 from flexbt_core.values import hint, shown
 
@@ -18,7 +19,7 @@ from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
 from .requests import MESSAGE_BYTES
-from .station import Link, Robots, Station
+from .station import Robots, Station
 
 MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
@@ -34,7 +35,7 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 class WebServer:
     """Serves the pages of robots, also of those that come later; ``station`` makes what the page of one needs."""
 
-    def __init__(self, robots: Robots, station: Callable[[Mirror, Link], Station], access: Access) -> None:
+    def __init__(self, robots: Robots, station: Callable[[Mirror, CommandedRobot], Station], access: Access) -> None:
         self._robots = robots
         self._station = station
         self._access = access

@@ -6,16 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from flexbt_console.commands import AskedRobot, CommandBuilder
-from flexbt_console.mirror import Command, Fleet, Mirror
+from flexbt_console.commands import CommandBuilder, CommandedRobot
+from flexbt_console.mirror import Fleet, Mirror
 from flexbt_console.ui.interaction import Attention
-
-
-class Link(AskedRobot, Protocol):
-    """The operator link, as far as the page uses it."""
-
-    def send(self, command: Command, timeout: float, label: str) -> object:
-        """Send a command that is to be answered within ``timeout`` seconds; the mirror follows its fate."""
 
 
 class Obstacles(Protocol):
@@ -43,7 +36,7 @@ class Station:
     """
 
     mirror: Mirror
-    link: Link
+    link: CommandedRobot
     make: CommandBuilder
     timeout: float
     attention: Attention
@@ -57,7 +50,7 @@ class Robots(Protocol):
     own: str
     """The one that is shown where none is named, if it is there."""
 
-    def robot(self, name: str) -> tuple[Mirror, Link]:
+    def robot(self, name: str) -> tuple[Mirror, CommandedRobot]:
         """The mirror and the link of a robot. Raises KeyError when it is not known."""
 
     def open(self, name: str) -> None:

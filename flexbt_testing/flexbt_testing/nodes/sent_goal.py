@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A goal that a program waits for: an :class:`~flexbt_common.calls.action_call.ActionCall` seen from another thread."""
+"""A goal that a test waits for: an :class:`~flexbt_common.calls.ActionCall` seen from another thread."""
 
 from __future__ import annotations
 
 import threading
 from typing import Any
 
-from .action_call import ActionCall, ActionServerLink, GoalOutcome
+from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome
 
 
 class SentGoal:
