@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
-from rclpy.clock import JumpThreshold
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 
 from flexbt_core.clock import Timer, TimerQueue
@@ -41,25 +42,27 @@ class Host(Protocol):
 class RosClock:
     """Time of the node in seconds, and timers on it, called on the executor thread.
 
-    The time equals ROS time until the latter jumps back (simulation reset, or a machine's clock that is set): such a
-    jump is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the
-    jump with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
+    The time equals ROS time until the latter jumps back (simulation reset), or a computer's clock is set: such a jump
+    is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the jump
+    with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
     before. Time stamps of messages are ROS time: take them from :meth:`stamp`.
 
-    One rclpy timer serves all timers, set to the earliest.
+    One rclpy timer serves all timers, set to the earliest. While time is not simulated, it is one of the steady clock:
+    one of the system's clock would wait for an hour more when that is set back by an hour.
     """
 
     def __init__(self, runtime: Host) -> None:
         self._runtime = runtime
         self._ros_clock = runtime.node.get_clock()
         self._lock = threading.Lock()
+        self._wall = time.time_ns() - time.monotonic_ns()
         self._offset = 0  # ns
-        self._last = self._ros_clock.now().nanoseconds
+        self._last = self._raw()
         self._began = self._last > 0
         self._asked = False
         self._timers = TimerQueue()
-        self._timer: Any = runtime.node.create_timer(_FARTHEST, self._fire, clock=self._ros_clock)
-        self._timer.cancel()
+        self._timer: Any = None
+        self._set_clock_of_timer()
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
         self._jump_handle = self._ros_clock.create_jump_callback(
             threshold,
@@ -97,7 +100,7 @@ class RosClock:
 
     def _now(self) -> int:
         with self._lock:  # reading inside the lock: two threads must not take each other for a jump
-            raw = self._ros_clock.now().nanoseconds
+            raw = self._raw()
             begins = raw > 0 and not self._began
             if raw < self._last or (begins and self._asked):
                 self._offset += self._last - raw
@@ -105,12 +108,28 @@ class RosClock:
             self._last = raw
             return int(raw + self._offset)
 
+    def _raw(self) -> int:
+        if self._ros_clock.ros_time_is_active:
+            return int(self._ros_clock.now().nanoseconds)
+        return time.monotonic_ns() + self._wall
+
+    def _set_clock_of_timer(self) -> None:
+        node, is_simulated = self._runtime.node, self._ros_clock.ros_time_is_active
+        if self._timer is not None:
+            if is_simulated is (self._timer.clock is self._ros_clock):
+                return
+            node.destroy_timer(self._timer)
+        clock = self._ros_clock if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_FARTHEST, self._fire, clock=clock)
+        self._timer.cancel()
+
     def _set_timer(self) -> None:
         # What is set is a period, from a time that must not change meanwhile.
         with self._runtime.simulated_time.standing_still():
             self._set_period()
 
     def _set_period(self) -> None:
+        self._set_clock_of_timer()
         now = self._now()
         with self._lock:
             earliest = self._timers.earliest()

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from rclpy.clock import ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.time import Time as RosTime
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -164,6 +166,41 @@ def test_timers_come_in_order_and_not_early() -> None:
         assert done.wait(DEADLINE)
         assert seen[-3:] == [0.01, 0.03, 0.05] or sorted(seen) == sorted(times)
         assert len(seen) == len(times)
+
+
+def test_who_waits_does_so_while_the_clock_of_the_computer_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    with NodeRuntime.open('real') as runtime:
+        clock, read, seen = runtime.clock, ROSClock.now, queue.SimpleQueue[str]()
+        for hours in (1, -1):
+            start, began = clock.now(), time.monotonic()
+            clock.call_at(start + 0.1, lambda: seen.put('in time'))
+            clock.call_at(start + 1000.0, lambda: seen.put('early'))
+            with monkeypatch.context() as patched:
+                patched.setattr(ROSClock, 'now', lambda of, hours=hours: read(of) + Duration(seconds=3600 * hours))
+                assert abs(runtime.call(clock.stamp).sec - start) > 3000, 'time stamps follow the computer'
+                assert seen.get(timeout=DEADLINE) == 'in time'
+                assert 0.1 <= clock.now() - start <= time.monotonic() - began + 0.001
+        assert seen.empty()
+        # Of rclpy's clocks, only this one is not concerned.
+        assert clock._timer.clock.clock_type is ClockType.STEADY_TIME
+
+
+def test_a_node_may_follow_simulated_time_from_some_time_on_and_no_more() -> None:
+    with NodeRuntime.open('real') as runtime:
+        simulation, clock = Simulation(runtime), runtime.clock
+        for _ in range(2):
+            simulated, real = threading.Event(), threading.Event()
+            clock.call_at(clock.now() + 0.01, real.set)
+            assert real.wait(DEADLINE)
+            runtime.call(lambda: runtime.node.set_parameters([Parameter('use_sim_time', value=True)]))
+            simulation.set(100.0)
+            clock.call_at(clock.now() + 2.0, simulated.set)
+            simulation.set(101.9)
+            settled(runtime)
+            assert not simulated.is_set()
+            simulation.set(102.001)  # a float of the time that has passed since 1970 has no ns
+            assert simulated.wait(DEADLINE)
+            runtime.call(lambda: runtime.node.set_parameters([Parameter('use_sim_time', value=False)]))
 
 
 def test_a_canceled_timer_does_not_come() -> None:
