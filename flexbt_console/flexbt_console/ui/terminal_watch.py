@@ -3,18 +3,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import select
 import signal
 import termios
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Final
 
 UNSEEN_SECONDS: Final = 30.0
 """Who sees nothing of what happens for so long is not present."""
 
+END_SECONDS: Final = 10.0
+"""Within which a user interface that was told to end has ended; else the process ends all the same."""
+
+_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _CHECK_SECONDS: Final = 5.0
 _FULL_SECONDS: Final = 0.5
 _SIGN_OFF_SECONDS: Final = 1.0
@@ -26,7 +33,8 @@ class TerminalWatch:
 
     What writes to a full terminal waits for ever: Textual and prompt_toolkit, on the main thread, also when they are to
     end. So whoever handles a signal that ends the process says so by :meth:`signaled`. Where the terminal takes
-    nothing then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it.
+    nothing then, ``sign_off`` is called, and the process ends with 128 + the signal, less than 2 s after it; so it does
+    where :meth:`close` is not called within :data:`END_SECONDS`, whatever the reason.
 
     That the terminal is gone is told by what is given: a signal does not tell all, for whoever has started this may be
     the one who gets it, and wait for our end.
@@ -47,6 +55,27 @@ class TerminalWatch:
         """The process ends because of this signal; may be called by its handler, and more than once."""
         os.write(self._signaled, bytes((number,)))
 
+    @contextlib.contextmanager
+    def ending_loop(self, end: Callable[[], object]) -> Iterator[None]:
+        """In the context, which is one of the event loop on the main thread, SIGINT, SIGTERM and SIGHUP have the loop
+        call ``end``.
+
+        An exception raised by their handler instead would leave locks taken and threads running: it comes anywhere.
+        """
+        loop = asyncio.get_running_loop()
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            # Not a handler of the event loop, which is told nothing while it writes to a full terminal.
+            self.signaled(number)
+            loop.call_soon_threadsafe(end)
+
+        before = {known: signal.signal(known, handle) for known in _SIGNALS}
+        try:
+            yield
+        finally:
+            for known, handler in before.items():
+                signal.signal(known, handler)
+
     def close(self) -> None:
         """The terminal is not used any more."""
         self._is_over.set()
@@ -56,7 +85,8 @@ class TerminalWatch:
         number = self._ending()
         room = select.poll()
         room.register(1, select.POLLOUT)
-        while room.poll(_FULL_SECONDS * 1000):
+        latest = time.monotonic() + END_SECONDS
+        while time.monotonic() < latest and room.poll(_FULL_SECONDS * 1000):
             if self._is_over.wait(0.1):
                 return
         if self._is_over.is_set():

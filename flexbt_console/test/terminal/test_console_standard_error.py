@@ -36,3 +36,17 @@ def test_what_the_middleware_writes_becomes_lines_and_the_screen_keeps_its_termi
     assert text.rstrip('y') == 'x' * 10_000 and len(text) < len(flood)  # of the flood, as much as there is room for
     for number in (control, terminal):
         os.close(number)
+
+
+def test_what_is_drawn_on_a_terminal_that_is_gone_is_lost() -> None:
+    control, terminal = pty.openpty()
+    before = os.dup(2)
+    os.dup2(terminal, 2)
+    try:
+        with standard_error_as_lines(lambda text: None):
+            os.close(control)
+            print('the screen', file=sys.__stderr__, flush=True)  # an error would end the thread that draws
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+        os.close(terminal)

@@ -11,9 +11,11 @@ import re
 import select
 import signal
 import struct
+import subprocess
 import sys
 import termios
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -56,6 +58,12 @@ class Terminal:
         """Go away, as a window or a connection does."""
         os.close(self._fd)
         self._fd = -1
+
+    def threads(self) -> int:
+        """How many threads the console has, those of the middleware left out, which have names."""
+        process = Path('/proc', str(self.pid))
+        names = [(thread / 'comm').read_text() for thread in process.glob('task/*')]
+        return names.count((process / 'comm').read_text())
 
     def fill(self) -> None:
         """Take nothing any more, and be full."""
@@ -141,11 +149,18 @@ def test_it_ends_when_its_terminal_goes_away(ignores_hangup: bool) -> None:
     assert terminal.exit_code() == 0
 
 
-def test_the_screen_ends_when_its_terminal_goes_away() -> None:
+def test_the_screen_is_drawn_again_after_a_stop_and_ends_when_its_terminal_goes_away() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         terminal = Terminal('--namespace', 'hangup', mode='screen')
         terminal.read_until(b'NO EXECUTIVE')
+        terminal.read_until(b'quit')  # in its last line
+        threads = terminal.threads()
+        for number in (signal.SIGSTOP, signal.SIGCONT):  # this one comes with the end of the terminal, too
+            os.kill(terminal.pid, number)
+        terminal.read_until(b'\x1b[?1049h')  # the screen of its own
+        terminal.read_until(b'quit')
+        assert terminal.threads() == threads  # none that nobody ends
         terminal.hang_up()
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -167,6 +182,17 @@ def test_a_signal_ends_it_whatever_its_terminal_does(mode: str) -> None:
     terminal.fill()
     os.kill(terminal.pid, signal.SIGTERM)
     assert terminal.exit_code() == 128 + signal.SIGTERM
+
+
+def test_what_goes_on_though_it_was_told_to_end_is_ended() -> None:
+    program = """
+import time
+from flexbt_console.ui import terminal_watch
+terminal_watch.END_SECONDS = 0.1
+terminal_watch.TerminalWatch(lambda: print('signed off', flush=True)).signaled(15)
+time.sleep(600)"""
+    ended = subprocess.run([sys.executable, '-c', program], stdout=subprocess.PIPE, timeout=DEADLINE)
+    assert (ended.returncode, ended.stdout) == (128 + signal.SIGTERM, b'signed off\n')
 
 
 def test_no_color_and_sigterm() -> None:

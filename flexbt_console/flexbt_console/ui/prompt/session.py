@@ -6,14 +6,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import signal
 import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from types import FrameType
 from typing import Any, Final
 
 from prompt_toolkit import PromptSession
@@ -49,7 +47,16 @@ from flexbt_console.present import (
     has_colours,
     tone_of,
 )
-from flexbt_console.ui.interaction import Attention, Bound, Local, Meaning, NoLiveLinkError, ShownDecision, interpret
+from flexbt_console.ui.interaction import (
+    Attention,
+    Bound,
+    EndingLoop,
+    Local,
+    Meaning,
+    NoLiveLinkError,
+    ShownDecision,
+    interpret,
+)
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -76,9 +83,6 @@ STYLE: Final = Style.from_dict(
 )
 
 
-_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-
-
 def run_prompt(
     mirror: Mirror,
     link: CommandedRobot,
@@ -86,12 +90,12 @@ def run_prompt(
     timeout: float,
     clock: Clock,
     leaving: str,
-    signaled: Callable[[int], object],
+    ending_loop: EndingLoop,
 ) -> None:
-    """Run the prompt in this terminal until the operator quits, the terminal goes away, or SIGINT, SIGTERM or SIGHUP
-    comes, of which ``signaled`` is told in the handler."""
+    """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, of which
+    ``ending_loop`` tells (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
     keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
-    prompt = Prompt(mirror, link, make, timeout, clock, leaving, signaled=signaled, input=keyboard)
+    prompt = Prompt(mirror, link, make, timeout, clock, leaving, ending_loop=ending_loop, input=keyboard)
     asyncio.run(prompt.run())
 
 
@@ -120,7 +124,7 @@ class Prompt:
         clock: Clock,
         leaving: str,
         *,
-        signaled: Callable[[int], object] = lambda number: None,
+        ending_loop: EndingLoop = lambda end: contextlib.nullcontext(),
         input: Input | None = None,
         output: Output | None = None,
     ) -> None:
@@ -130,7 +134,7 @@ class Prompt:
         self._timeout = timeout
         self._clock = clock
         self._leaving = leaving
-        self._signaled = signaled
+        self._ending_loop = ending_loop
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
         self._attention = Attention(clock)
@@ -185,28 +189,19 @@ class Prompt:
         self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
-        before = {known: signal.signal(known, self._end_by) for known in _SIGNALS}
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
-        with self._session.app.input.raw_mode():
+        with self._ending_loop(self._over.set), self._session.app.input.raw_mode():
             tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
             try:
                 await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 self._ended = True
-                for known, handler in before.items():
-                    signal.signal(known, handler)
                 for task in tasks:
                     task.cancel()
                 results = await asyncio.gather(*tasks, return_exceptions=True)
         for error in results:
             if isinstance(error, Exception) and not is_gone(error):
                 raise error
-
-    def _end_by(self, number: int, frame: FrameType | None) -> None:
-        # Not a handler of the event loop, which is told nothing while it writes to a full terminal.
-        self._signaled(number)
-        with contextlib.suppress(RuntimeError):  # the loop was closed just now
-            self._loop.call_soon_threadsafe(self._over.set)
 
     async def _read(self) -> None:
         """Read and do lines until the operator quits."""

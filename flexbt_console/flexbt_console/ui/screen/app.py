@@ -19,6 +19,8 @@ from textual import events
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.driver import Driver
+from textual.drivers.linux_driver import LinuxDriver
 from textual.suggester import Suggester
 from textual.timer import Timer
 from textual.widget import AwaitMount
@@ -41,7 +43,7 @@ from flexbt_console.present import (
     Tone,
     command_result_lines,
 )
-from flexbt_console.ui.interaction import CHANGED, Attention, Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.interaction import CHANGED, Attention, Bound, EndingLoop, Local, Meaning, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -56,6 +58,7 @@ from .replay_bar import MOVES, NOTHING_SENT, NoLink, Player, ReplayBar
 from .replay_bar import help_lines as replay_help_lines
 from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
+from .terminal_driver import TerminalDriver
 
 P = ParamSpec('P')
 
@@ -207,6 +210,11 @@ class OperatorScreen(App[None]):
         self._is_quitting = False
         self._line_bound = Bound(None)
         self._opening: AwaitMount | None = None
+
+    def get_driver_class(self) -> type[Driver]:
+        """See :class:`textual.app.App`."""
+        driver = super().get_driver_class()
+        return TerminalDriver if driver is LinuxDriver else driver
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.app.App`."""
@@ -718,19 +726,26 @@ def run_screen(
     timeout: float,
     clock: Clock,
     leaving: str,
+    ending_loop: EndingLoop,
     robots: Robots | None = None,
 ) -> None:
-    """Run the screen in this terminal until the operator leaves it."""
-    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots))
+    """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``ending_loop`` tells
+    (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
+    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots), ending_loop)
 
 
-def show_recording(player: Player, clock: Clock) -> None:
-    """Show a recording in this terminal until the operator leaves it."""
+def show_recording(player: Player, clock: Clock, ending_loop: EndingLoop) -> None:
+    """Show a recording in this terminal until the operator leaves it, or a signal ends it."""
     bar, make = ReplayBar(player, clock), CommandBuilder(None, NOTHING_SENT)
-    _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar))
+    _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar), ending_loop)
 
 
-def _run(screen: OperatorScreen) -> None:
+def _run(screen: OperatorScreen, ending_loop: EndingLoop) -> None:
     """Nothing else writes to its terminal."""
+
+    async def run() -> None:
+        with ending_loop(screen.exit):
+            await screen.run_async()
+
     with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
-        screen.run()
+        asyncio.run(run())

@@ -4,15 +4,30 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from flexbt_core.values import one_line
 
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
 LINE_BYTES = 4_000
 """Of a line at most; what is more begins another one."""
+
+
+class _Terminal(io.FileIO):
+    def write(self, data: ReadableBuffer) -> int:
+        """Where nothing can be written any more it is lost: an error would end Textual's thread that writes, and who
+        has 30 things to write afterwards waits for that thread for ever."""
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
 
 
 @contextlib.contextmanager
@@ -25,7 +40,7 @@ def standard_error_as_lines(tell: Callable[[str], object]) -> Iterator[None]:
     reading, writing = os.pipe()
     # The middleware logs with the interpreter's lock, without which nobody reads: what is too much at once is lost.
     os.set_blocking(writing, False)
-    with os.fdopen(os.dup(2), 'w', encoding='utf-8', errors='replace') as terminal:
+    with io.TextIOWrapper(io.BufferedWriter(_Terminal(os.dup(2), 'w')), encoding='utf-8', errors='replace') as terminal:
         sys.__stderr__ = terminal  # type: ignore[misc]  # which Textual does not let one set
         os.dup2(writing, 2)
         os.close(writing)
