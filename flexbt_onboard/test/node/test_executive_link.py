@@ -26,7 +26,7 @@ from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.lifecycle import NodeScope
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, tells_writers
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import (
@@ -114,6 +114,7 @@ def tell_time(runtime: NodeRuntime) -> None:
     publish()
 
 
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
 def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clock_senders, 'LISTEN_SECONDS', 0.3)
     monkeypatch.setattr(clock_senders, 'PAUSE_SECONDS', 0.1)
