@@ -75,7 +75,6 @@ class Executive:
 
         # What is told, and what is kept.
         self._link = OperatorLink(runtime, self._id, parameters.heartbeat_period)
-        self._places = parameters.places
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._token = LivelinessToken(runtime)
         self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
@@ -96,7 +95,7 @@ class Executive:
         runtime.on_close(journal.close)
 
         # The robot, and who watches it.
-        self._peers = PeersWatch(
+        peers = PeersWatch(
             runtime,
             parameters.peers,
             self._peer_changed,
@@ -104,8 +103,8 @@ class Executive:
             self._peer_late,
             parameters.peer_timeout,
         )
-        self._clock_senders = ClockSenders(runtime, self._link.log, self._status.changed)
-        self._pose = RobotPose(runtime, parameters.pose_topic)
+        clock_senders = ClockSenders(runtime, self._link.log, self._status.changed)
+        pose = RobotPose(runtime, parameters.pose_topic)
         self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
         self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
@@ -115,10 +114,10 @@ class Executive:
         motion_stop = MotionStop(
             runtime,
             services,
-            self._pose.latest,
+            pose.latest,
             parameters.motion_actions,
             parameters.cmd_vel_topic,
-            self._peers.has_ended,
+            peers.has_ended,
             stamped=parameters.stamped_cmd_vel,
         )
         runtime.on_close(lambda: runtime.call(motion_stop.release))
@@ -126,10 +125,10 @@ class Executive:
             runtime,
             StateServices(
                 runtime=runtime,
-                actions=ActionLinks(runtime, self._peers),
+                actions=ActionLinks(runtime, peers),
                 services=services,
                 node_name=node_name,
-                unready=self._peers.unready,
+                unready=peers.unready,
             ),
             self._admission,
             journal,
@@ -148,8 +147,8 @@ class Executive:
         registry = CommandRegistry(
             COMMANDS, self._id, library, self.runs, operator_names, self._authority, self._input_requests, report
         )
-        self._ledger = CommandLedger(runtime, registry, journal, report, self._status.changed)
-        self._link.listen(self._ledger.receive)
+        ledger = CommandLedger(runtime, registry, journal, report, self._status.changed)
+        self._link.listen(ledger.receive)
 
         # Programs and monitors.
         self._actions = BehaviorActionServer(runtime, library, self.runs, self._admission)
@@ -165,11 +164,25 @@ class Executive:
         )
         SynthesisServer(runtime, synthesizer, self._admission, presence)
         serve_flexbe(runtime, synthesizer, self._admission)
+
+        def status() -> ExecutiveStatus:
+            return status_of(
+                self.runs.shown,
+                self._input_requests.decisions(),
+                ledger.results(),
+                peers.statuses(),
+                pose.latest(),
+                self._authority,
+                peers.gone(),
+                '; '.join(filter(None, [self._admission.refusal, problems.text, clock_senders.problem])),
+            )
+
         self._shown = ShownStatus(
-            runtime, self._status_message, self._link.publish_status, journal.when_durable, self._status.changed
+            runtime, status, self._link.publish_status, journal.when_durable, self._status.changed
         )
         Diagnostics(runtime, lambda: self._shown.message, problems.texts)
         runtime.on_fault(report.fault)
+        self._link.publish_places(parameters.places)
         self._announce()
 
     def activate(self) -> None:
@@ -210,7 +223,6 @@ class Executive:
         if self._journal.torn:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
         self._publish_behaviors()
-        self._link.publish_places(self._places)
         for entry in self.library.entries.values():
             if entry.error:
                 self._report.broken(entry)
@@ -243,18 +255,6 @@ class Executive:
     def _withdraw(self, why: str) -> None:
         self._input_requests.close(why)
         self._status.flush()
-
-    def _status_message(self) -> ExecutiveStatus:
-        return status_of(
-            self.runs.shown,
-            self._input_requests.decisions(),
-            self._ledger.results(),
-            self._peers.statuses(),
-            self._pose.latest(),
-            self._authority,
-            self._peers.gone(),
-            '; '.join(filter(None, [self._admission.refusal, self._problems.text, self._clock_senders.problem])),
-        )
 
     def _storage_changed(self) -> None:
         """It goes on, and others should know that it is not what it should be. From any thread."""
