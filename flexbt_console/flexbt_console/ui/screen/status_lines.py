@@ -69,10 +69,12 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
-        if snapshot.authority_requests and snapshot.authority == operator:
-            who = ', '.join(map(one_line, snapshot.authority_requests))
-            shown.append(Line(f'asks for the authority, "c" hands it over: {who}', Tone.WARNING))
-    return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown[:ALARM_ROWS]])
+    asked: list[str] = []
+    if snapshot is not None and snapshot.authority_requests and snapshot.authority == operator:
+        who = ', '.join(map(one_line, snapshot.authority_requests))
+        asked = [Line(f'asks for the authority, "c" hands it over: {who}', Tone.WARNING)]
+    shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
+    return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown])
 
 
 def log_text(
