@@ -9,7 +9,7 @@ there is no beat for :data:`SETTLE_SECONDS`, in which what has waited for the th
 that is not waited for.
 
 A hang is told once, with the stack of the thread that does not answer, and so is its end. That nothing of the process
-ran for a while is told before a thread goes on that has looked (:meth:`Health.look`).
+ran for a while is told before a thread goes on that has checked (:meth:`Health.check_pause`).
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class Loop:
         finally:
             with self._lock:
                 self._is_resting = False
-            self._health.look()
+            self._health.check_pause()
 
     def _ping(self, answer: Callable[[], None]) -> None:
         with self._lock:
@@ -241,7 +241,7 @@ class Health:
         """Why the process cannot do its work; '' while it can."""
         return self._failure
 
-    def look(self) -> None:
+    def check_pause(self) -> None:
         """Something goes on after a wait: tell first, on this thread, of a pause of :data:`OUT_OF_REACH_SECONDS` in
         which nothing of the process ran.
         """

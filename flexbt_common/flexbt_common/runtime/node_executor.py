@@ -107,7 +107,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
         self._on_turn()
-        self.heard.look()
+        self.heard.sample()
         try:
             self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
         except ExternalShutdownException:
@@ -216,7 +216,7 @@ class NodeExecutor(OpenExecutor):
             self._is_changed = True
             return
         self._on_turn()
-        self.heard.look()
+        self.heard.sample()
         self.simulated_time.hear()  # first, so that no message is from the future
         for take, entity in ready:
             self._call(take, entity)
@@ -231,7 +231,7 @@ class NodeExecutor(OpenExecutor):
     def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
         self._on_turn()
-        self.heard.look()
+        self.heard.sample()
         try:
             self.spin_once(timeout)
         except ExternalShutdownException:

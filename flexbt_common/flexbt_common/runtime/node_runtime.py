@@ -134,7 +134,7 @@ class NodeRuntime:
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
-        self._executor = node_executor(self.node, self._on_escaped, self.health.look)
+        self._executor = node_executor(self.node, self._on_escaped, self.health.check_pause)
         self.simulated_time = self._executor.simulated_time
         self.heard = self._executor.heard
         self._doorbell = self.node.create_guard_condition(lambda: None)

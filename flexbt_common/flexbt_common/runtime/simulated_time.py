@@ -98,7 +98,7 @@ class HeardTime:
         self.handled = 0.0
         """Up to the last look after which all was handled that had come."""
 
-    def look(self) -> None:
+    def sample(self) -> None:
         """What has come by now is about to be handled."""
         now, went_on = self._steady.now(), math.inf
         if self._ros_clock.ros_time_is_active:

@@ -70,7 +70,7 @@ def test_a_clock_that_hangs_is_no_stop_of_the_process() -> None:
     health.on_beat(lambda: None)
     for _ in range(10):
         clock.stopped += OUT_OF_REACH_SECONDS / 2.0
-        health.look()
+        health.check_pause()
     assert not told
     clock.advance(2.0 * PERIOD)
     assert [hang.was_out_of_reach for hang in told] == [False]
@@ -82,7 +82,7 @@ def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
     order: list[str] = []
 
     def go_on() -> None:
-        health.look()
+        health.check_pause()
         order.append('goes on')
 
     second = threading.Thread(target=go_on)
@@ -95,7 +95,7 @@ def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
     health.on_hang(tell)
     health.on_beat(lambda: None)
     clock.stopped = OUT_OF_REACH_SECONDS
-    health.look()
+    health.check_pause()
     second.join(60.0)
     assert order == ['told', 'goes on']
 
@@ -126,6 +126,6 @@ def test_after_a_hang_what_has_waited_comes_before_the_process_is_called_alive()
 
     count = len(beats)
     clock.stopped = OUT_OF_REACH_SECONDS
-    health.look()
+    health.check_pause()
     clock.advance(1.5 * PERIOD)  # all have been asked, and have answered
     assert len(beats) == count

@@ -84,7 +84,7 @@ def test_others_are_silent_only_as_long_as_wall_and_world_go_on() -> None:
         wall.advance(seconds)
         if simulated is not None:
             world.set_ros_time_override(RosTime(seconds=simulated, clock_type=ClockType.ROS_TIME))
-        heard.look()
+        heard.sample()
         assert heard.handled == before  # nothing has been handled yet
         heard.all_handled()
         return round(heard.handled - before, 9)

@@ -158,7 +158,7 @@ class Environment:
 
     def rests(self, now: float) -> None:
         """A tick is over: what works on after its deadline is wrong."""
-        self.facts.look()
+        self.facts.refresh()
         for path in [path for path, due in self.due.items() if due <= now]:
             declared = self.open[path].declared
             assert declared is not None

@@ -119,7 +119,7 @@ class Facts:
         """Something needs this, so that it is of interest."""
         self._needed |= {str(one.atom): one.atom for one in needs.preconditions}
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Forget what is about entries that were written since the last time, whoever has done that."""
         if not self._needed:
             return
@@ -130,7 +130,7 @@ class Facts:
 
     def begins(self, path: str, needs: Needs, found: Callable[[Violation], None]) -> None:
         """A leaf begins; what it needs, and is known not to hold, is wrong."""
-        self.look()
+        self.refresh()
         for one in needs.preconditions:
             atom = str(one.atom)
             holds, source = self.measured.get(atom) or self.lasting.get(atom) or (one.positive, '')
@@ -155,7 +155,7 @@ class Facts:
         """A leaf gives a result: what it brings about, or says, is known."""
         if not self._needed:
             return
-        self.look()
+        self.refresh()
         self.works(needs)
         is_measured, effects = needs.effects.get(status, (False, ()))
         known = self.measured if is_measured else self.lasting

@@ -334,7 +334,7 @@ class TreeSystem:
         else:
             if label.kind == START:
                 run.is_started = True
-                self._monitor.look()
+                self._monitor.check_parts()
             elif label.kind == RESULT:
                 environment.open[label.subject].result = NodeStatus[label.value]
             elif label.kind == CONFIRMED:

@@ -68,7 +68,7 @@ class MachineMonitor:
             self._approvals.resume(run.approved())
             self.requirements.resume()
         if self.requirements.are_about_parts:
-            self.requirements.look(machine_parts(run.definition))
+            self.requirements.check_parts(machine_parts(run.definition))
 
     def entered(self, path: str) -> None:
         if (wrong := self._visits.entered(path)) is not None:

@@ -214,7 +214,7 @@ class Requirements:
         """Whether something is required of what there is, rather than of what happens: :meth:`look`."""
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
-    def look(self, parts: Parts) -> None:
+    def check_parts(self, parts: Parts) -> None:
         """These are the parts of what runs."""
         for one in self.requirements:
             if isinstance(one, IsA | Has):

@@ -142,10 +142,10 @@ class TreeMonitor:
         path = node.path
         return tuple(dict.fromkeys((path, self._alias(node.id, node.name, path))))
 
-    def look(self) -> None:
+    def check_parts(self) -> None:
         """Look at what the tree is made of, before its first tick: whether that is what is required."""
         if self.requirements.are_about_parts:
-            self.requirements.look(self._parts())
+            self.requirements.check_parts(self._parts())
 
     def ticked(self, status: NodeStatus) -> None:
         """A tick is over, and this is what it gave."""

@@ -348,5 +348,5 @@ def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_
     found: list[Violation] = []
     monitor = TreeMonitor(found.append, [parse_requirement(text, 'test').requirement for text in required])
     monitor.begins(Tree(library, 'Main', clock=ManualClock(), substitute=monitor.watched))
-    monitor.look()
+    monitor.check_parts()
     assert [one.text.partition('; required is: ')[2] for one in found] == wrong

@@ -265,7 +265,7 @@ class TreeRun(Generic[Client]):
             monitor.begins(tree)
             for problem in self._monitoring.problems_of(self.key.id, monitor.vocabulary):
                 self._on_violation(problem)
-            monitor.look()
+            monitor.check_parts()
         self._observer.started(tree)
         due = -math.inf
         while True:

@@ -37,8 +37,8 @@ from flexbt_core.planning.trees import (
     Rule,
     actions_left,
     add,
+    add_last_branch,
     allowed_actions,
-    give_up,
     quoted,
 )
 
@@ -94,7 +94,7 @@ class _TeamWriter(LeafWriter):
         branches = add(both, 'ReactiveFallback', name=f'what {robot} is to do')
         for member in members:
             self._member(branches, chosen, member)
-        give_up(branches, 'no way to the goal is planned from here')
+        add_last_branch(branches, 'no way to the goal is planned from here')
         done = add(both, 'ReactiveFallback', name=f'{robot} does it')
         for action in dict.fromkeys(_actions(members)):
             step = add(done, 'ReactiveSequence')

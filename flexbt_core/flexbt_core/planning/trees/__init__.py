@@ -9,9 +9,9 @@ from .leaf_elements import (
     LeafWriter,
     actions_left,
     add,
+    add_last_branch,
     allowed_actions,
     failed_action,
-    give_up,
     quoted,
 )
 from .planner import Plan, compiled, hopeless, plan, why_not
@@ -32,6 +32,7 @@ __all__ = [
     'Rule',
     'actions_left',
     'add',
+    'add_last_branch',
     'allowed_actions',
     'chosen',
     'compact',
@@ -39,7 +40,6 @@ __all__ = [
     'explore',
     'failed_action',
     'fault',
-    'give_up',
     'hopeless',
     'plan',
     'quoted',

@@ -106,10 +106,10 @@ def actions_left(parent: ElementTree.Element, most: int) -> None:
     """Gives up when so many actions have succeeded."""
     allowed = add(parent, 'ReactiveFallback', name='actions are left')
     add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
-    give_up(allowed, f'the goal was not reached by {most} actions')
+    add_last_branch(allowed, f'the goal was not reached by {most} actions')
 
 
-def give_up(parent: ElementTree.Element, reason: str) -> None:
+def add_last_branch(parent: ElementTree.Element, reason: str) -> None:
     """A last branch: it keeps the reason that an action has left."""
     code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? '{reason}' : {FAILURE_ENTRY}"
     add(add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)

@@ -27,7 +27,7 @@ from xml.etree import ElementTree
 from flexbt_core.planning.problems import Problem
 
 from .compaction import Group, Rule
-from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, allowed_actions, give_up
+from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, add_last_branch, allowed_actions
 from .planner import Plan
 from .policy import Policy
 
@@ -66,7 +66,7 @@ class _Writer(LeafWriter):
         branches = add(step, 'ReactiveFallback', name='the cheapest way from here')
         for member in members:
             self._member(branches, member)
-        give_up(branches, 'no way to the goal is planned from here')
+        add_last_branch(branches, 'no way to the goal is planned from here')
         self.goal(ways, self._policy.goals)
         return tree
 
