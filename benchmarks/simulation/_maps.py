@@ -66,6 +66,11 @@ def clutter(cells: Cells, resolution: float, random: Random) -> list[Line]:
     return blocks(cells, resolution, random, round(cells.size * resolution**2 / 12.0), 2.5)
 
 
+def yard(cells: Cells, resolution: float, random: Random) -> list[Line]:
+    """Buildings and what is left between them, for cars."""
+    return blocks(cells, resolution, random, round(cells.size * resolution**2 / 120.0), 6.0)
+
+
 def blocks(cells: Cells, resolution: float, random: Random, count: int, size: float) -> list[Line]:
     """Rectangles of sides of up to ``size`` m."""
     for row, column in random.integers(0, cells.shape, (count, 2)).tolist():
@@ -116,6 +121,7 @@ MAPS: Final[dict[str, tuple[Callable[[Cells, float, Random], list[Line]], tuple[
     'clutter': (clutter, (2000, 2000), 0.05),
     'maze': (maze, (500, 700), 0.05),
     'cave': (cave, (1200, 900), 0.04),
+    'yard': (yard, (900, 1200), 0.1),
 }
 
 

@@ -2,8 +2,9 @@
 """Random trips of robots among moving obstacles and doors, and what plans and costmaps cost. Without ROS.
 
 Of each ten trips one has a goal that cannot be reached: in an obstacle, beside the map, or in a closed room. The robots
-take turns; each has room to turn on the spot where its goals are. Doorways of rooms have automatic doors. Times are
-those of the processor; the longest wait is how long another thread did not get the interpreter while plans were made.
+take turns; each has room to turn on the spot where its goals are. The car has the yard for itself. Doorways of rooms
+have automatic doors. Times are those of the processor; the longest wait is how long another thread did not get the
+interpreter while plans were made.
 
 Usage: python3 benchmarks navigation [--maps NAME...] [--robots NAME...] [--pairs N] [--trips N...] [--reach M]
        [--seed N] [--pictures DIRECTORY] [--output FILE.json]
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
 from flexbt_sim.errors import NavigationError, SimulationError
-from flexbt_sim.navigation import FollowerLimits, GridPlanner, Navigator, prepare_navigation
+from flexbt_sim.navigation import FollowerLimits, Navigator, planner_for, prepare_navigation
 from flexbt_sim.world import (
     MODELS,
     Circle,
@@ -56,6 +57,7 @@ ROBOTS: dict[str, RobotModel] = {
     'burger': MODELS['burger'],
     'waffle': MODELS['waffle'],
     'cart': replace(MODELS['waffle'], footprint=box(0.6, 0.4)),
+    'car': MODELS['car'],
 }
 
 
@@ -96,11 +98,11 @@ class Places:
         """A goal that cannot be reached, and the code that says so."""
         if number % 3 == 0:
             return Pose(1e4, 0.0, 0.0), 'GOAL_OUTSIDE_MAP'
-        return (
-            (self._pose(self._occupied), 'GOAL_OCCUPIED')
-            if number % 3 == 1
-            else (self._pose(self._closed), 'NO_VALID_PATH')
-        )
+        if number % 3 == 1:
+            return self._pose(self._occupied), 'GOAL_OCCUPIED'
+        while self._costmap.in_collision(found := self._pose(self._closed)):  # only another heading fits there
+            pass
+        return found, 'NO_VALID_PATH'
 
 
 @dataclass
@@ -137,7 +139,7 @@ class Course:
     def __init__(self, robot: str, known: OccupancyMap, doors: list[DoorModel]) -> None:
         self.model = ROBOTS[robot]
         self.costmap = Costmap(known, Inflation.of(self.model.footprint))
-        self.limits = FollowerLimits(speed=min(FollowerLimits.speed, self.model.drive.linear_speed))
+        self.limits = FollowerLimits.of(self.model.drive)
         self._doors = doors
         self.places = Places(self.costmap, Costmap(known, Inflation(self.costmap.inflation.outer_radius)))
 
@@ -237,7 +239,7 @@ def measure(course: Course) -> dict[str, float]:
             start, goal = places.free(), places.free()
             began = time.thread_time()
             try:
-                GridPlanner(costmap).plan(start, goal)
+                planner_for(costmap, course.limits.steering).plan(start, goal)
             except NavigationError as error:
                 print(error)
             plans.append(1000.0 * (time.thread_time() - began))
@@ -299,12 +301,17 @@ def main() -> int:
     parser.add_argument('--pictures', type=Path, help='a directory for a picture of each trip that failed')
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
-    prepare_navigation()
+    if not any((robot == 'car') == (name == 'yard') for robot in options.robots for name in options.maps):
+        parser.error('the car has the yard for itself: these robots have no trip on these maps')
+    prepare_navigation(FollowerLimits.of(MODELS['car'].drive).steering)
     figures: dict[str, Any] = {}
     total: Counter[str] = Counter()
     for name in options.maps:
         known, doors = drawn(name, options.seed)
-        courses = [Course(robot, known, doors) for robot in options.robots]
+        robots = [robot for robot in options.robots if (robot == 'car') == (name == 'yard')]
+        if not robots:
+            continue
+        courses = [Course(robot, known, doors) for robot in robots]
         trips = options.trips or range(math.ceil(options.pairs / len(options.maps)))
         result = drive(name, courses, trips, options.reach, options.seed, options.pictures)
         figures[name] = {**result.as_figures(), **measure(courses[0])}
