@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 from flexbt_core.clock import Clock
 from flexbt_onboard.errors import OnboardError
@@ -43,6 +44,7 @@ _MOST_WAITING: Final = 1000
 """Lines that wait for the disk, at most. More of them are as well written as the state that they lead to."""
 
 _CLOSE_SECONDS: Final = 0.3
+_OPEN_SECONDS: Final = 5.0
 
 Result = tuple[str, int, str]
 """Id, code (CommandResult) and reason of a command."""
@@ -91,6 +93,10 @@ class JournalState:
         return lines
 
 
+_closing: WeakValueDictionary[Path, threading.Thread] = WeakValueDictionary()
+"""The threads of closed journals of this process, which keep them as long as a slow disk has not answered."""
+
+
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
@@ -125,6 +131,10 @@ class Journal:
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
         try:
+            if (before := _closing.get(file)) is not None:
+                before.join(_OPEN_SECONDS)
+                if before.is_alive():
+                    raise OSError('the disk has not taken yet what was written to it last')
             self._take_guard()
             if file.exists():
                 self._read(file.read_bytes())
@@ -169,6 +179,7 @@ class Journal:
 
     def close(self) -> None:
         """Have what waits written, and give the journal up to another process; waits for a limited time."""
+        _closing[self.file] = self._thread
         with self._changed:
             self._is_closed = True
             self._changed.notify()

@@ -40,7 +40,7 @@ from flexbt_onboard.durability import (
     to_plain_form,
 )
 from flexbt_onboard.errors import OnboardError
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 TEXTS = st.text(st.characters(codec='utf-8'), max_size=8)
 RUNS = st.sampled_from('rs')
@@ -467,6 +467,23 @@ def test_a_disk_that_hangs_and_then_is_full_is_told_as_both(tmp_path: Path, monk
     wait_until(lambda: len(told) > 1, lambda: told)
     journal.close()
     assert 'does not answer' in told[0] and 'No space left' in told[1]
+
+
+def test_who_opens_a_journal_anew_waits_until_the_disk_has_taken_the_last_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: Any
+) -> None:
+    journal = written(Journal(tmp_path / 'e.journal', no_problem, ManualClock()))
+    disk = SlowDisk(monkeypatch)
+    journal.append(begin=begin_of('r'))
+    journal.close()
+    join = journal._thread.join
+
+    def wait(seconds: float) -> None:
+        disk.goes.set()
+        join(DEADLINE)
+
+    monkeypatch.setattr(journal._thread, 'join', wait)
+    assert opened(journal.file).state.begin == begin_of('r')
 
 
 def test_lines_that_wait_for_a_disk_are_bounded_and_none_is_lost(
