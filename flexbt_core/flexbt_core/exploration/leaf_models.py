@@ -193,11 +193,10 @@ def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) 
             continue
         if status is SUCCESS or name.startswith('error'):
             entry = node.blackboard.declare(value.key, port.type)
-            options = environment.values.get(value.key.removeprefix('@'), ())
-            fitting = [one for one in options if port.type is None or type(one) is port.type.python_type]
-            if fitting and status is SUCCESS:
-                taken = environment.choices.choose(f'{node.path} writes {value.key}', [*map(repr, fitting)])
-                entry.write(fitting[taken])
+            options = fitting(port.type, environment.values.get(value.key.removeprefix('@'), ()))
+            if options and status is SUCCESS:
+                taken = environment.choices.choose(f'{node.path} writes {value.key}', [*map(repr, options)])
+                entry.write(options[taken])
             else:
                 entry.write(some_value(port.type))
 
@@ -398,6 +397,11 @@ def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
             # 1, 1.0 and True are equal, and not the same here.
             found.setdefault(key, {}).update(dict.fromkeys((type(value), value) for value in (True, False, *values)))
     return {key: tuple(value for _, value in values) for key, values in found.items()}
+
+
+def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Those of some values that are of a type."""
+    return tuple(one for one in values if kind is None or type(one) is kind.python_type)
 
 
 def some_value(kind: PortType | None) -> Any:

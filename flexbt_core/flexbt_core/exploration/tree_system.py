@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     UnfinishedWork,
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry
+from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry, PortType
 from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary
 
 from .choices import Choices
@@ -36,6 +36,7 @@ from .leaf_models import (
     ModelAction,
     ModelGate,
     ModelInstant,
+    fitting,
     leaf_model,
     some_value,
     substitute,
@@ -56,6 +57,7 @@ _ROUNDS: Final = 200
 
 _WIRED: Final = ('_values', 'context', 'blackboard', 'marks', 'id', 'name', 'uid', '_scope', 'conditions', '_entries')
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
+_PARTS: Final = re.compile(r'&&|\|\||[;?]')
 _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
@@ -181,7 +183,8 @@ class TreeSystem:
         self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
         monitor.begins(self._tree)
-        self.given = self._give(set(given))
+        self._questions: list[tuple[str, Entry, tuple[Any, ...]]] = []
+        self.given = self._give(set(given), scripts)
         self._entry_names = {
             id(entry): key
             for subtree in reversed(self._tree.subtrees)
@@ -222,7 +225,7 @@ class TreeSystem:
         }
         return [entry for _, entry in entries if id(entry) not in read]
 
-    def _give(self, given: set[str]) -> tuple[str, ...]:
+    def _give(self, given: set[str], scripts: Iterable[str]) -> tuple[str, ...]:
         """Write what is there from the beginning; the keys."""
         read: dict[int, tuple[str, Any]] = {}
         needed: set[int] = set()
@@ -241,13 +244,33 @@ class TreeSystem:
                 if port.writable or value.key in assigned:
                     written.add(id(entry))
         found = []
+        declared = {key: self._board.declare(key, None) for key in sorted(given)}
+        tested = self._tested(scripts)
+        for key, entry in declared.items():
+            if id(entry) in tested:  # scripts read it, by whatever name
+                read.setdefault(id(entry), (key, entry))
+                needed.add(id(entry))
         for at, (key, entry) in read.items():
             if entry.value is EMPTY and (at not in written or key in given):
-                entry.write(some_value(entry.type))
+                options = _told_apart(entry.type, tested.get(at, ()))
+                entry.write(options[0] if options else some_value(entry.type))
+                if len(options) > 1:
+                    self._questions.append((key, entry, options))
                 found.append((key, at in needed))
         self.needed = frozenset(key for key, is_needed in found if is_needed)
         """Those of ``given`` without which a node fails."""
         return tuple(sorted({key for key, _ in found}))
+
+    def _tested(self, scripts: Iterable[str]) -> dict[int, tuple[Any, ...]]:
+        """By entries, of whatever name in a sub-tree, the values that make a difference to the parts of scripts."""
+        values = tested_values(part for script in scripts for part in _PARTS.split(script))
+        found: dict[int, tuple[Any, ...]] = {}
+        for subtree in self._tree.subtrees:
+            for key in values:
+                entry = subtree.blackboard.entry(key)
+                if entry is not None:
+                    found[id(entry)] = found.get(id(entry), ()) + values[key]
+        return found
 
     @property
     def tree(self) -> Tree:
@@ -334,6 +357,8 @@ class TreeSystem:
         else:
             if label.kind == START:
                 run.is_started = True
+                for key, entry, options in self._questions:
+                    entry.write(options[choices.choose(f'given {key}', [*map(repr, options)])])
                 self._monitor.check_parts()
             elif label.kind == RESULT:
                 environment.open[label.subject].result = NodeStatus[label.value]
@@ -458,6 +483,16 @@ def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
     for node in nodes:
         yield from (script.text for script in node.conditions.values())
         yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
+        if (decides := node.values.get('variable')) is not None and decides.key is not None:  # of a Switch
+            cases = (value.text for name, value in node.values.items() if name.startswith('case_'))
+            yield from (f"{decides.key.removeprefix('@')} == '{case}'" for case in cases if "'" not in case)
+
+
+def _told_apart(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
+    of_type = fitting(kind, values)
+    plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
+    return tuple(dict.fromkeys(plain or of_type))
 
 
 def _fault(error: NodeExecutionError) -> Violation:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Iterable
 
 import pytest
 
@@ -157,15 +158,15 @@ def registry() -> NodeRegistry:
     return found
 
 
-def system(body: str, *required: str) -> TreeSystem:
+def system(body: str, *required: str, given: Iterable[str] = ()) -> TreeSystem:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
     requirements = [parse_requirement(text, 'test').requirement for text in required]
-    return TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=requirements)
+    return TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=requirements, given=given)
 
 
-def proved(body: str) -> Report:
-    return explore(lambda: system(body), 'Main', limits=Limits(seconds=600))
+def proved(body: str, *given: str) -> Report:
+    return explore(lambda: system(body, given=given), 'Main', limits=Limits(seconds=600))
 
 
 SOUND = """
@@ -444,3 +445,13 @@ def test_what_stands_for_the_leaves_goes_with_the_proof() -> None:
     ends = [weakref.ref(type(node)) for node in system(RATE.format(2), 'never go > halted').tree.nodes[-2:]]
     gc.collect()
     assert [end() for end in ends] == [None, None]
+
+
+def test_what_is_given_has_every_value_that_is_asked_for() -> None:
+    """By a port or by scripts alone, of a type or of none: no branch is called dead that some value leads to."""
+    cases = '<Switch2 variable="{mode}" case_1="fast" case_2="slow"><Plan/><Turn/><AlwaysSuccess/></Switch2>'
+    level = """<ScriptCondition code="level > 3 &amp;&amp; kind == 'van'"/>"""
+    report = proved(f'<Sequence>{cases}<Fallback>{level}<Plan/></Fallback></Sequence>', 'level', 'kind')
+    assert report.is_complete and report.holds, report.counterexamples
+    (absent,) = proved(level).counterexamples
+    assert absent.violation.property is Property.DATA
