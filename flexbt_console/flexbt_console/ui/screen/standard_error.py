@@ -9,19 +9,16 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import Any
 
 from flexbt_core.values import one_line
-
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
 
 LINE_BYTES = 4_000
 """Of a line at most; what is more begins another one."""
 
 
 class _Terminal(io.FileIO):
-    def write(self, data: ReadableBuffer) -> int:
+    def write(self, data: Any) -> int:
         """Where nothing can be written any more it is lost: an error would end Textual's thread that writes, and who
         has 30 things to write afterwards waits for that thread for ever."""
         try:
