@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What becomes of a robot that drives when one of its processes is killed, or stopped, or one of its threads hangs.
+"""What becomes of a robot that drives when a process is killed or stopped, a thread hangs, or something is flooded.
 
 Each trial drives the robot (behavior Navigate, real processes, the simulator at speed 1), waits for a random moment,
 and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s, or has one of its threads hang for
@@ -7,7 +7,13 @@ and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3
 seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds after the
 process is back (a killed one is started again, as a launched system does).
 
-Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--seed N] [--output FILE.json]
+With --floods, another process sends 5,000 messages or requests a second for 10 s, of one kind that the processes of the
+robot take: each topic, service and action with TEXT in its name. After 4 s the operator stops the run; the table has
+metres and seconds from that stop on, how much the processes have grown, s from the end of the flood until all is ready
+again and a command is answered, and what the operator was told.
+
+Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--floods [TEXT ...]] [--seed N]
+                                 [--output FILE.json]
        (so many of each process, hangs of each thread)
 """
 
@@ -20,9 +26,11 @@ import math
 import os
 import random
 import signal
+import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +38,7 @@ from _figures import write_figures
 from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe, stamp
 from flexbt_testing.system.processes import Stack
@@ -39,6 +47,11 @@ PLACES: Final = ((10.0, 2.3), (3.8, 1.2))
 STOPPED_SECONDS: Final = 3.0
 REST_SECONDS: Final = 1.0
 """A fault may let the robot move so long, s."""
+
+FLOOD_RATE: Final = 5000.0
+FLOOD_SECONDS: Final = 10.0
+FLOOD_STOP_SECONDS: Final = 4.0
+"""Messages a second, for so long, and when the operator stops the run meanwhile."""
 
 STATES: Final = {
     getattr(ExecutiveStatus, name): name
@@ -52,6 +65,7 @@ def main() -> int:
     parser.add_argument('--kills', type=int, default=5, help='of each process')
     parser.add_argument('--stops', type=int, default=1, help='of each process')
     parser.add_argument('--hangs', type=int, default=1, help='of each thread')
+    parser.add_argument('--floods', nargs='*', metavar='TEXT', help='of names with one of these texts; all without')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
@@ -66,6 +80,8 @@ def main() -> int:
     rows = []
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
+        if options.floods is not None:
+            trials += [('flood', name, kind) for name, kind in flooded(options.floods or [''])]
         for number, (how, name, thread) in enumerate(trials):
             logs = Path(directory) / str(number)
             logs.mkdir()
@@ -78,7 +94,10 @@ def main() -> int:
                 stack.start_all()
                 probe = Probe(runtime)
                 probe.wait_ready()
-                rows.append(trial(stack, probe, how, name, thread, chance))
+                if how == 'flood':
+                    rows.append(flood(stack, probe, name, thread))
+                else:
+                    rows.append(trial(stack, probe, how, name, thread, chance))
             print(line(rows[-1]), flush=True)
     if options.output is not None:
         write_figures(options.output, {'faults': rows})
@@ -112,6 +131,68 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: 
         'metres': round(metres, 3),
         'seconds': round(max(0.0, moved - stamp(there)), 2),
         'run': f'{STATES[probe.status.state]} {probe.status.outcome} {probe.status.message}'.strip(),
+    }
+
+
+def flooded(texts: list[str]) -> list[tuple[str, str]]:
+    """Topics, services and parts of actions with one of these texts in the name, and their types, of a robot."""
+    found: set[tuple[str, str]] = set()
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        contextlib.redirect_stdout(io.StringIO()),
+        Stack(Path(directory)) as stack,
+        NodeRuntime.open('probe') as runtime,
+    ):
+        stack.start_all()
+        Probe(runtime).wait_ready()
+        node = runtime.node
+        for ask in (node.get_subscriber_names_and_types_by_node, node.get_service_names_and_types_by_node):
+            for process in THREADS:
+                found |= {(name, kinds[0]) for name, kinds in runtime.call(partial(ask, process, '/'))}
+    return sorted((name, kind) for name, kind in found if any(text in name for text in texts))
+
+
+def memory(stack: Stack) -> dict[str, int]:
+    """Resident MB of each process."""
+    return {
+        name: int(Path(f'/proc/{stack.process_id(name)}/statm').read_text().split()[1])
+        * os.sysconf('SC_PAGE_SIZE')
+        // 10**6
+        for name in stack.running()
+    }
+
+
+def flood(stack: Stack, probe: Probe, name: str, kind: str) -> dict[str, Any]:
+    """One drive that is stopped while something is flooded."""
+    probe.drive_to(*PLACES[0])
+    before, told = memory(stack), len(probe.logs)
+    words = [sys.executable, str(Path(__file__).with_name('_flood.py')), name, kind, str(FLOOD_RATE)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as flooder:
+        try:
+            assert flooder.stdout is not None and flooder.stdout.readline()
+            time.sleep(FLOOD_STOP_SECONDS)
+            there, state = probe.pose, STATES[probe.status.state]
+            probe.send(ExecutiveCommand.STOP)
+            time.sleep(FLOOD_SECONDS - FLOOD_STOP_SECONDS)
+            rest, moved, after = probe.pose, probe.moved_stamp, memory(stack)
+        finally:
+            flooder.kill()
+    assert there is not None and rest is not None
+    began = time.monotonic()
+    probe.wait_ready()
+    probe.applied(ExecutiveCommand.NOTE, text='after the flood')
+    grown = {process: after.get(process, 0) - megabytes for process, megabytes in before.items()}
+    ready = time.monotonic() - began
+    texts = [log.text for log in probe.logs[told:]]
+    return {
+        'fault': 'flood',
+        'process': name,
+        'metres': round(
+            math.hypot(rest.pose.position.x - there.pose.position.x, rest.pose.position.y - there.pose.position.y), 3
+        ),
+        'seconds': round(max(0.0, moved - stamp(there)), 2),
+        'run': f'{state}, {STATES[probe.status.state]} {probe.status.outcome}; {grown} MB; ready after {ready:.1f} s; '
+        f'{texts}',
     }
 
 
