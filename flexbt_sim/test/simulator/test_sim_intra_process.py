@@ -11,7 +11,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
-from flexbt_common.runtime import NodeRuntime, Received
+from flexbt_common.runtime import NodeRuntime, Received, tells_writers
 from flexbt_sim import intra_process
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -65,7 +65,8 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time(mon
             poses.publish(serialize_message(Int32(data=COUNT)))
             return heard[-1] == (COUNT, here)
 
-        wait_until(is_heard_here, 'an executor that only waits has others call')
+        if tells_writers():  # rclpy's own executor has nobody call in its place
+            wait_until(is_heard_here, 'an executor that only waits has others call')
         busy, go_on = threading.Event(), threading.Event()
 
         def hold_up() -> None:
@@ -74,8 +75,9 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time(mon
 
         receiver.post(hold_up)
         assert busy.wait(DEADLINE)
+        last = heard[-1]
         poses.publish(serialize_message(Int32(data=-1)))
-        assert heard[-1] == (COUNT, here)  # nobody is waited for
+        assert heard[-1] == last  # nobody is waited for
         go_on.set()
         wait_until(lambda: heard[-1][0] == -1, 'what has come while the executor was busy')
         assert heard[-1][1] != here
