@@ -84,5 +84,5 @@ def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
             process.send_signal(number)
             _, err = process.communicate(timeout=DEADLINE)
             assert uncontended_time() - began < 2.0
-            assert process.returncode == 0
+            assert process.returncode == 0, (process.returncode, err)
             assert 'Traceback' not in err and 'ERROR' not in err, err
