@@ -18,6 +18,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import LivelinessPolicy
 from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
 
 from flexbt_common import names
 from flexbt_common.liveness import LEASE_SECONDS
@@ -26,14 +27,15 @@ TURN_SECONDS: Final = 0.01
 
 
 def main(name: str, type_name: str, rate: float) -> None:
-    """Until the end of the process. A line on standard output says that it has begun."""
-    rclpy.init()
+    """Until the end of who has started it. A line on standard output says that it has begun."""
+    parent = os.getppid()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('flooder')
     package, kind, base = type_name.split('/')
     module = importlib.import_module(f'{package}.{kind}')
     send = _messages(node, name, getattr(module, base)) if kind == 'msg' else _requests(node, name, module, base)
     sent, began = 0, time.monotonic()
-    while True:
+    while os.getppid() == parent:
         while sent < (time.monotonic() - began) * rate:
             send()
             sent += 1
