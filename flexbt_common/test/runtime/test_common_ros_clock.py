@@ -172,7 +172,7 @@ def test_who_waits_does_so_while_the_clock_of_the_computer_is_set(monkeypatch: p
     with NodeRuntime.open('real') as runtime:
         clock, read, seen = runtime.clock, ROSClock.now, queue.SimpleQueue[str]()
         for hours in (1, -1):
-            start, began = clock.now(), time.monotonic()
+            began, start = time.monotonic(), clock.now()  # so that the first is the earlier one
             clock.call_at(start + 0.1, lambda: seen.put('in time'))
             clock.call_at(start + 1000.0, lambda: seen.put('early'))
             with monkeypatch.context() as patched:
