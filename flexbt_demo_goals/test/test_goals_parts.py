@@ -39,17 +39,19 @@ def test_the_mission_is_planned_with_the_leaves_of_the_package() -> None:
     start = [*mission.start, 'in_room(office)', 'at_table(office)', 'thing_in(cup, kitchen)']
     found = plan(skill_problem(library, start, mission.goal, mission.disturbances))
     assert found.actions == (
-        'EnterRoom(office, hall)',
-        'OpenDoor(kitchen_door, hall, kitchen)',
-        'PassDoor(kitchen_door, hall, kitchen)',
-        'Approach(cup, kitchen)',
-        'PickUp(cup, kitchen)',
-        'PassDoor(kitchen_door, kitchen, hall)',
-        'EnterRoom(hall, office)',
-        'DriveToTable(office)',
-        'PutDown(cup, office)',
+        'FlatEnterRoom(office, hall)',
+        'FlatOpenDoor(kitchen_door, hall, kitchen)',
+        'FlatPassDoor(kitchen_door, hall, kitchen)',
+        'FlatApproach(cup, kitchen)',
+        'FlatPickUp(cup, kitchen)',
+        'FlatPassDoor(kitchen_door, kitchen, hall)',
+        'FlatEnterRoom(hall, office)',
+        'FlatDriveToTable(office)',
+        'FlatPutDown(cup, office)',
     )
     assert load_xml(tree_xml(found), 'plan.xml', registry).main == 'Plan'
+    leaves = [one.id for one in registry if one.node_class.__module__.startswith('flexbt_demo_')]
+    assert leaves and all(id.startswith('Flat') for id in leaves), 'names are shared: those of others stay free'
     for file in (PACKAGE / 'trees').glob('*.xml'):
         assert load_xml(file.read_bytes(), file.name, registry).main is not None
 

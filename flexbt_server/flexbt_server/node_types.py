@@ -19,21 +19,30 @@ def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect 
     """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes trees
     expect that do not show it themselves.
 
-    ``on_broken(source, error)`` is told of an entry point or a module whose nodes cannot be used; the others can.
+    ``on_broken(nodes, error)`` is told what cannot be used: the nodes of an entry point or a module, or only one of
+    them, whose ID an earlier source has taken; the others can. Entry points come in the order of their names.
     """
     registry = builtin_registry()
     register_nav2(registry, dialect)
     points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
-    sources: list[tuple[str, Callable[[], Callable[[NodeRegistry], None]]]] = [
-        ('flexbt_server.nav2', lambda: _ros_leaves(dialect)),
-        *((f'{point.name} = {point.value}', point.load) for point in points),
-    ]
-    for name, load in sources:
-        try:
-            load()(registry)
-        except Exception as error:  # code of others, or no ROS
-            on_broken(name, error)
+    _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(dialect), on_broken)
+    for point in points:
+        _add(registry, f'{point.name} = {point.value}', point.load, on_broken)
     return registry
+
+
+def _add(
+    registry: NodeRegistry,
+    source: str,
+    load: Callable[[], Callable[[NodeRegistry], None]],
+    on_broken: Callable[[str, Exception], None],
+) -> None:
+    registry.on_clash = lambda id, error: on_broken(f'the node type [{id}] of {source}', error)
+    try:
+        load()(registry)
+    except Exception as error:  # code of others, or no ROS
+        on_broken(f'the nodes of {source}', error)
+    registry.on_clash = None
 
 
 def _ros_leaves(dialect: Dialect) -> Callable[[NodeRegistry], None]:

@@ -30,7 +30,7 @@ BRANCHES: Final = (PLANNED, SHUT, PICKED_UP, MOVED, REACHED, REFUSED, AGAIN)
 
 TITLE: Final = 'Demonstration 5: a goal, and a robot that plans'
 
-NO_WAY: Final = 'there is no plan without OpenDoor(kitchen_door, hall, kitchen) (failed)'
+NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitchen) (failed)'
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ def reach_goals(flat: Flat, report: DemoReport) -> None:
         operator.start('Reach Goal', AutonomyLevel.HIGH)
         operator.wait_happened(lambda: household.times_opened >= 1, 'the door of the kitchen opened by the robot')
         report.take(PLANNED)
-        operator.wait_begun('PassDoor(kitchen_door, hall, kitchen)')
+        operator.wait_begun('FlatPassDoor(kitchen_door, hall, kitchen)')
         household.shut_door()
         operator.wait_happened(lambda: household.times_opened >= 2, 'the door opened again by the robot')
         report.take(SHUT)
         operator.wait_happened(lambda: household.times_held >= 1, 'the cup in the gripper of the robot')
         report.take(PICKED_UP)
         household.move_cup(1.2, 4.8)
-        operator.wait_begun('Approach(cup, hall)')
+        operator.wait_begun('FlatApproach(cup, hall)')
     report.take(MOVED)
     operator.wait_end('reached', DRIVE_TIMEOUT_S)
     report.goals.append(_check_cup(flat))

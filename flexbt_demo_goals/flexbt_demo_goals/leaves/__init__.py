@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leaves of the robot in the flat: what it can do, and what it can see."""
 
+from typing import Final
+
 from flexbt_core.behavior_tree import NodeRegistry
 
 from .conditions import IsAtTable, IsDoorOpen, IsHolding, IsInRoom, IsNear, IsThingIn
@@ -11,7 +13,14 @@ from .rooms import ROOMS, config_file, room_at, table_of
 __all__ = ['ROOMS', 'config_file', 'register', 'room_at', 'table_of']
 
 
+_CONDITIONS: Final = (IsInRoom, IsAtTable, IsThingIn, IsNear, IsHolding, IsDoorOpen)
+_ACTIONS: Final = (EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown, OpenDoor)
+
+
 def register(registry: NodeRegistry) -> None:
-    """The entry point: makes the leaves known to the BT server."""
-    registry.register_classes([IsInRoom, IsAtTable, IsThingIn, IsNear, IsHolding, IsDoorOpen])
-    registry.register_classes([EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown, OpenDoor])
+    """The entry point: makes the leaves known to the BT server.
+
+    The names of node types are shared by all packages, and others have an OpenDoor, too: here it is FlatOpenDoor.
+    """
+    for leaf in (*_CONDITIONS, *_ACTIONS):
+        registry.register(f'Flat{leaf.__name__}', leaf)

@@ -106,10 +106,10 @@ def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:
     """The node types of installed packages, and of the models that are given. Raises RefusedError.
 
-    Tells of packages whose nodes cannot be used.
+    Tells of packages whose nodes, or one of them, cannot be used.
     """
     known = node_registry(
-        lambda source, error: print(one_line(f'note: without the nodes of {source}: {error}'), file=sys.stderr),
+        lambda nodes, error: print(one_line(f'note: without {nodes}: {error}'), file=sys.stderr),
         options.nav2_dialect,
     )
     read_models(options.models, known)

@@ -367,6 +367,42 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
     assert done.err.startswith(f"{models}:1:40: <Condition 'He ld'>: node ID [He ld]: ")
 
 
+LEAVES = """
+from flexbt_core.behavior_tree import NodeStatus, simple_action
+
+def act(node):
+    return NodeStatus.SUCCESS
+
+def register(registry):
+    for name in ('OpenDoor', {others}):
+        registry.register(name, simple_action(act))
+"""
+
+
+def test_of_a_package_only_what_has_a_name_that_is_taken_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'leaves_of_one.py').write_text(LEAVES.format(others="'AlwaysSuccess', 'PickLock'"))
+    (tmp_path / 'leaves_of_two.py').write_text(LEAVES.format(others="'SmashDoor'"))
+    info = tmp_path / 'leaves_of_both-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: leaves-of-both\nVersion: 1.0\n')
+    points = [f'{name} = leaves_of_{name}:register' for name in ('two', 'one')]
+    (info / 'entry_points.txt').write_text('\n'.join(['[flexbt.bt_nodes]', *points]))
+    monkeypatch.syspath_prepend(tmp_path)
+    tree = tmp_path / 'tree.xml'
+    tree.write_text(document('Main: <Fallback><OpenDoor/><PickLock/><SmashDoor/></Fallback>'))
+    done = tool('check', '--ignore', 'unreachable', str(tree))
+    assert (done.code, done.out) == (0, '')
+    assert done.err.splitlines() == [
+        'note: without the node type [AlwaysSuccess] of one = leaves_of_one:register: node ID [AlwaysSuccess] is '
+        'registered already, for flexbt_core.behavior_tree.nodes.actions.AlwaysSuccess; choose another ID',
+        'note: without the node type [OpenDoor] of two = leaves_of_two:register: node ID [OpenDoor] is registered '
+        'already, for leaves_of_one.act; choose another ID',
+        '1 file: nothing to complain about',
+    ]
+
+
 @pytest.mark.skipif(not STOCK_TREES, reason='the trees of Nav2 are not at hand')
 def test_the_trees_of_nav2_have_no_errors_and_no_warnings() -> None:
     done = tool('check', '--strict', '--allow-unknown', *map(str, STOCK_TREES))

@@ -45,6 +45,8 @@ class NodeRegistry:
         self.variants: dict[str, dict[str, NodeManifest]] = {}
         """What IDs mean in a variant, where that is something else."""
         self.variant_of: Callable[[Elements], str | None] = lambda elements: None
+        self.on_clash: Callable[[str, RegistrationError], None] | None = None
+        """Is told of an ID that is taken, and what has it stays; without this, ``register`` raises the error."""
         self.scripts = scripts if scripts is not None else ScriptLibrary()
         self.json_types = JsonTypes()
         """Classes whose objects can be part of the JSON of a blackboard."""
@@ -52,17 +54,21 @@ class NodeRegistry:
     def register(self, id: str, node_class: type[TreeNode]) -> NodeManifest:
         """Makes ``node_class`` known as ``id``.
 
-        Raises RegistrationError when the ID is taken or not allowed, when a port is declared wrongly, or when the
-        class is abstract.
+        Raises RegistrationError when the ID is taken (but see ``on_clash``) or not allowed, when a port is declared
+        wrongly, or when the class is abstract.
         """
         return self._register(id, node_class, self._manifests)
 
     def _register(self, id: str, node_class: type[TreeNode], manifests: dict[str, NodeManifest]) -> NodeManifest:
         if id in manifests:
             taken = manifests[id].node_class
-            raise RegistrationError(
+            error = RegistrationError(
                 f'node ID [{id}] is registered already, for {taken.__module__}.{taken.__qualname__}; choose another ID'
             )
+            if self.on_clash is None:
+                raise error
+            self.on_clash(id, error)
+            return manifests[id]
         problem = model_name_problem(id)
         if problem:
             raise RegistrationError(f'node ID [{id}]: {problem}')
