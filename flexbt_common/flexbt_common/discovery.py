@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import MutableMapping
+import socket
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Final
 
@@ -28,3 +29,22 @@ def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> No
         environment.update({RANGE: 'SYSTEM_DEFAULT', PROFILE: str(profile('this_computer'))})
     else:
         environment[RANGE] = 'LOCALHOST'
+
+
+def check_loopback(environment: Mapping[str, str] = os.environ) -> None:
+    """Raises OSError where the profile this_computer is set, and the computer has no loopback interface that is up:
+    then processes would wait for each other without a word."""
+    if Path(environment.get(PROFILE, '')).name != 'this_computer.xml':
+        return
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.settimeout(2.0)
+        try:
+            probe.bind(('127.0.0.1', 0))
+            probe.connect(probe.getsockname())
+            probe.send(b'.')
+            probe.recv(1)
+        except OSError as error:
+            raise OSError(
+                f'no loopback interface: a datagram to 127.0.0.1 does not arrive ({error}), and the processes find '
+                'each other by it; have it brought up: ip link set lo up'
+            ) from error

@@ -11,6 +11,8 @@ from std_msgs.msg import Empty
 
 from flexbt_common import discovery
 from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.system import network_namespace
+from flexbt_testing.system.network_namespace import NetworkNamespace
 from flexbt_testing.waiting import wait_until
 
 PUBLISH = """
@@ -49,6 +51,18 @@ def test_processes_hear_each_other(range_of_other: str) -> None:
                 assert bool(shared_memory(other.pid)) is bool(range_of_other)
             finally:
                 other.kill()
+
+
+def test_it_is_told_that_there_is_no_loopback_interface() -> None:
+    if reason := network_namespace.missing():
+        pytest.skip(reason)
+    environment: dict[str, str] = {}
+    discovery.only_this_computer(environment)
+    discovery.check_loopback(environment)
+    with NetworkNamespace(loopback=False) as network:
+        network.call(lambda: discovery.check_loopback({}))  # they go another way
+        with pytest.raises(OSError, match='no loopback interface'):
+            network.call(lambda: discovery.check_loopback(environment))
 
 
 def test_with_another_middleware_the_range_says_it() -> None:

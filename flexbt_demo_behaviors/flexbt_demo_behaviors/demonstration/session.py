@@ -35,9 +35,13 @@ class Session:
 
 
 def set_environment() -> None:
-    """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise."""
+    """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise.
+
+    Raises OSError when they cannot, see :func:`flexbt_common.discovery.check_loopback`.
+    """
     if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
         discovery.only_this_computer()
+    discovery.check_loopback()
     # The arithmetic of the processes is small; threads of it would only take the cores from each other.
     os.environ.setdefault('OMP_NUM_THREADS', '1')
 

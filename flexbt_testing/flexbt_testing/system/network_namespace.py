@@ -22,8 +22,8 @@ NEEDED_PROGRAMS: Final = ('ip', 'nsenter')
 class NetworkNamespace:
     """A network without any link but its loopback; it is gone with this object and the last process in it."""
 
-    def __init__(self) -> None:
-        """Make one.
+    def __init__(self, *, loopback: bool = True) -> None:
+        """Make one. Without ``loopback`` that is there, but down.
 
         Raises:
             OSError: this process may not, or the system has no network namespaces.
@@ -34,7 +34,8 @@ class NetworkNamespace:
             return os.open(OWN_NETWORK, os.O_RDONLY)
 
         self._file = _on_a_thread(make)
-        self.run('ip', 'link', 'set', 'lo', 'up')
+        if loopback:
+            self.run('ip', 'link', 'set', 'lo', 'up')
 
     def __enter__(self) -> NetworkNamespace:
         return self
