@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import functools
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +27,11 @@ class ProcessIdentity:
     @staticmethod
     def own() -> ProcessIdentity:
         """That of this process."""
-        host = began = ''
-        with contextlib.suppress(OSError):  # no Linux
-            host = f'{_BOOT_ID.read_text().strip()} {_PID_NAMESPACE.readlink()}'
-            began = _stat('self')[_START_TIME]
-        return ProcessIdentity(host, os.getpid(), began)
+        pid = os.getpid()
+        try:
+            return _own(pid)
+        except OSError:  # no Linux
+            return ProcessIdentity('', pid, '')
 
     @property
     def is_here(self) -> bool:
@@ -47,6 +47,13 @@ class ProcessIdentity:
         except OSError:
             return True
         return fields[_START_TIME] != self.began or fields[_STATE] in ('Z', 'X')
+
+
+@functools.lru_cache(maxsize=1)
+def _own(pid: int) -> ProcessIdentity:
+    """By the number of the process: a fork has another one, and is another process."""
+    host = f'{_BOOT_ID.read_text().strip()} {_PID_NAMESPACE.readlink()}'
+    return ProcessIdentity(host, pid, _stat('self')[_START_TIME])
 
 
 def _stat(process: str) -> list[str]:
