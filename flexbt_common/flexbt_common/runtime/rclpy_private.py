@@ -6,7 +6,8 @@ something faster, or mends something that rclpy leaves undone. Once in a process
 looked whether rclpy still has each part, with the signature that is expected. Where one is missing, its use is left
 out as a whole, what is documented takes its place, and every node warns at its start (:func:`warnings`).
 
-The environment variable FLEXBT_STOCK_RCLPY=1 leaves out all of them.
+The environment variable FLEXBT_STOCK_RCLPY=1 leaves out all of them. :func:`let_go_of_lifecycle` has no private name:
+it finds an attribute by its type, and does nothing where there is none.
 """
 
 from __future__ import annotations

@@ -36,9 +36,9 @@ class PeersWatch:
     """Watches nodes by name. Used on the executor thread, except where it says otherwise.
 
     ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
-    ``on_ready`` with a node's name when it has become ready, or is not any more, and whether that is news: it is none
-    when it was late meanwhile; ``on_late`` with a node's name and '' when it is late, or is not any more, and with the
-    reason once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall time.
+    ``on_ready`` with a node's name when it has become ready, or is not any more, and whether that is a change:
+    it is none when it was late meanwhile; ``on_late`` with a node's name and '' when it is late, or is not any more,
+    and with the reason once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall time.
     """
 
     def __init__(
@@ -142,8 +142,8 @@ class PeersWatch:
         peer.ready = ready
         watch = self._watch_of(peer)
         if ready or (watch.alive and not watch.late):  # that it is late or gone is told already
-            is_news, peer.told_ready = ready != peer.told_ready, ready
-            self._on_ready(peer.name, ready, is_news)
+            has_changed, peer.told_ready = ready != peer.told_ready, ready
+            self._on_ready(peer.name, ready, has_changed)
 
     def _watch_of(self, peer: _Peer) -> LivelinessWatch:
         return self._watches[self._peers.index(peer)]

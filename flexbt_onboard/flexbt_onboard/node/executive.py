@@ -287,8 +287,8 @@ class Executive:
             self._report.peer_late(name, problem, self._run_id)
         self._nodes_changed()
 
-    def _peer_ready(self, name: str, ready: bool, is_news: bool) -> None:
-        if is_news:
+    def _peer_ready(self, name: str, ready: bool, has_changed: bool) -> None:
+        if has_changed:
             self._report.peer_ready(name, ready, self._run_id)
         self._nodes_changed()
 

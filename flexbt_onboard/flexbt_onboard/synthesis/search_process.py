@@ -21,11 +21,11 @@ _LINE: Final = 16_000_000
 _GRACE: Final = 5.0
 """Seconds beyond its time limit that a process may take: it keeps the limit by itself, where it comes to look."""
 
-News = Mapping[str, Any]
+SearchMessage = Mapping[str, Any]
 
 
 class SearchProcess:
-    """Runs a search. The callbacks are called on a thread of their own: ``on_news`` with each line before the last,
+    """Runs a search. The callbacks are called on a thread of their own: ``on_progress`` with each line before the last,
     ``on_end`` exactly once, with the answer, or with None and why there is none ('' when it was canceled)."""
 
     def __init__(
@@ -33,14 +33,14 @@ class SearchProcess:
         command: Sequence[str],
         request: Mapping[str, Any],
         seconds: float,
-        on_news: Callable[[News], None],
-        on_end: Callable[[News | None, str], None],
+        on_progress: Callable[[SearchMessage], None],
+        on_end: Callable[[SearchMessage | None, str], None],
     ) -> None:
         """``seconds`` of wall time are the limit of the search, without the start of the process."""
         self._command = command
         self._request = request
         self._seconds = seconds
-        self._on_news = on_news
+        self._on_progress = on_progress
         self._on_end = on_end
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -60,7 +60,7 @@ class SearchProcess:
             self._process.kill()
 
     def _run(self) -> None:
-        answer: News | None = None
+        answer: SearchMessage | None = None
         why = ''
         try:
             answer, why = self._searched()
@@ -70,7 +70,7 @@ class SearchProcess:
             answer, why = None, ''
         self._on_end(answer, why)
 
-    def _searched(self) -> tuple[News | None, str]:
+    def _searched(self) -> tuple[SearchMessage | None, str]:
         # Without the lock: to start a process can take long, and the executor cancels.
         process = subprocess.Popen(  # noqa: S603 - the command is that of an installed package
             [*self._command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
@@ -81,7 +81,7 @@ class SearchProcess:
                 self._kill()
         limit = threading.Timer(self._seconds + _GRACE, self._too_late)
         limit.start()
-        answer: News | None = None
+        answer: SearchMessage | None = None
         try:
             with contextlib.suppress(BrokenPipeError), process:
                 assert process.stdin is not None and process.stdout is not None
@@ -92,7 +92,7 @@ class SearchProcess:
                     if 'code' in told:
                         answer = told
                     else:
-                        self._on_news(told)
+                        self._on_progress(told)
                 self._kill()  # it has said all that is of use
         finally:
             limit.cancel()

@@ -19,7 +19,7 @@ from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardErr
 from flexbt_onboard.event_log import Reporter
 
 from .machine_store import MACHINE_LENGTH, MachineStore, check_name
-from .search_process import News, SearchProcess
+from .search_process import SearchMessage, SearchProcess
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
 """Entry point group of the module that searches, as a program of its own: see flexbt_tools.synthesis.search."""
@@ -80,10 +80,10 @@ class SearchSettings:
 
 @dataclass(eq=False)
 class Search:
-    """A search that goes on. ``on_news`` and ``on_end`` are called on the executor thread, the latter once."""
+    """A search that goes on. ``on_progress`` and ``on_end`` are called on the executor thread, the latter once."""
 
     request: SearchRequest
-    on_news: Callable[[str, float], None]
+    on_progress: Callable[[str, float], None]
     on_end: Callable[[Answer], None]
     began: float
     name: str = ''
@@ -144,7 +144,7 @@ class Synthesizer:
             self._report.log(ExecutiveLog.WARN, problem)
 
     def begin(
-        self, request: SearchRequest, on_news: Callable[[str, float], None], on_end: Callable[[Answer], None]
+        self, request: SearchRequest, on_progress: Callable[[str, float], None], on_end: Callable[[Answer], None]
     ) -> Search:
         """Begin a search.
 
@@ -164,7 +164,7 @@ class Synthesizer:
         if request.is_kept:
             self._check_name(name)
         seconds = request.seconds or DEFAULT_SECONDS
-        search = Search(request, on_news, on_end, self._runtime.steady.now(), name)
+        search = Search(request, on_progress, on_end, self._runtime.steady.now(), name)
         asked = {
             'system': request.system,
             'capabilities': request.capabilities,
@@ -184,7 +184,7 @@ class Synthesizer:
             self._command or _installed_command(),
             asked,
             seconds,
-            lambda news: self._runtime.post(lambda: self._tell(search, news)),
+            lambda message: self._runtime.post(lambda: self._tell(search, message)),
             lambda answer, why: self._finish(search, answer, why),
         )
         self._search = search
@@ -206,15 +206,15 @@ class Synthesizer:
         if search is not None:
             search.cancel()
 
-    def _tell(self, search: Search, news: News) -> None:
+    def _tell(self, search: Search, message: SearchMessage) -> None:
         if self._search is search:
-            search.on_news(one_line(str(news.get('doing', '')), 200), self._runtime.steady.now() - search.began)
+            search.on_progress(one_line(str(message.get('doing', '')), 200), self._runtime.steady.now() - search.began)
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
-    def _finish(self, search: Search, news: News | None, why: str) -> None:
+    def _finish(self, search: Search, message: SearchMessage | None, why: str) -> None:
         """On the thread of the search: a disk that takes its time holds up nobody else."""
-        answer = _answer(news, why, search)
+        answer = _answer(message, why, search)
         gone: list[str] = []
         problem = ''
         if answer.verdict is Verdict.MADE and search.request.is_kept:
@@ -260,20 +260,20 @@ class Synthesizer:
         search.on_end(answer)
 
 
-def _answer(news: News | None, why: str, search: Search) -> Answer:
-    if news is None:
+def _answer(message: SearchMessage | None, why: str, search: Search) -> Answer:
+    if message is None:
         return Answer(Verdict.FAULT, why) if why else Answer(Verdict.CANCELED, search.why_canceled)
-    machine = str(news.get('machine', ''))
+    machine = str(message.get('machine', ''))
     if len(machine) > MACHINE_LENGTH:
         return Answer(Verdict.WRONG, f'the machine has {len(machine)} characters; at most {MACHINE_LENGTH} are taken')
     return Answer(
-        Verdict(news['code']),
-        str(news.get('message', '')),
+        Verdict(message['code']),
+        str(message.get('message', '')),
         search.name if machine else '',
         machine,
-        [str(note) for note in news.get('notes', ())],
-        [str(line) for line in news.get('explanation', ())],
-        news.get('states', ()),
+        [str(note) for note in message.get('notes', ())],
+        [str(line) for line in message.get('explanation', ())],
+        message.get('states', ()),
     )
 
 

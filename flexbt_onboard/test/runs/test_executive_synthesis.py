@@ -246,7 +246,7 @@ def test_a_search_that_fails_ends_with_a_reason(case: str, monkeypatch: pytest.M
     done: Future[tuple[Any, str]] = Future()
     command = [sys.executable, '-S', '-c', program]
     seconds = 0.1 if case == 'it hangs' else DEADLINE
-    SearchProcess(command, {}, seconds, lambda news: None, lambda *end: done.set_result(end))
+    SearchProcess(command, {}, seconds, lambda _message: None, lambda *end: done.set_result(end))
     answer, why = done.result(DEADLINE)
     assert answer is None and reason in why, why
 
@@ -256,7 +256,7 @@ def test_a_search_is_ended_at_once_when_it_is_canceled() -> None:
     done: Future[tuple[Any, str]] = Future()
     program = 'import time; print("{}", flush=True); time.sleep(1000)'
     command = [sys.executable, '-S', '-c', program]
-    search = SearchProcess(command, {}, 1000.0, lambda news: began.set(), lambda *end: done.set_result(end))
+    search = SearchProcess(command, {}, 1000.0, lambda _message: began.set(), lambda *end: done.set_result(end))
     assert began.wait(DEADLINE)
     search.cancel()
     assert done.result(DEADLINE) == (None, '')

@@ -79,13 +79,13 @@ class Breakpoints:
         self._muted = False
         self._ended = False
         self._holding: _Hook | None = None
-        self._news = threading.Condition()
+        self._changed = threading.Condition()
         self._callbacks.on_release = self._look
 
     @property
     def held(self) -> bool:
         """Whether a breakpoint holds the tree up, and nothing has let it go yet."""
-        with self._news:
+        with self._changed:
             return self._holding is not None and not self._goes_on(self._holding)
 
     def take_over(self, older: Breakpoints) -> None:
@@ -101,7 +101,7 @@ class Breakpoints:
 
     def end(self) -> list[Settings]:
         """Removes all hooks, and gives their settings; from now on none is placed: a request may have come late."""
-        with self._news:
+        with self._changed:
             self._ended = True
             settings = self.all()
             self.remove_all()
@@ -109,14 +109,14 @@ class Breakpoints:
 
     def all(self) -> list[Settings]:
         """Copies of the settings of all hooks, those before ticks first, by uid."""
-        with self._news:
+        with self._changed:
             return [replace(hook.settings) for _, hook in sorted(self._placed.items(), key=lambda item: item[0])]
 
     def mute(self, muted: bool) -> None:
         """While muted, hooks have no effect, and hold nothing up. They are as they were afterwards."""
-        with self._news:
+        with self._changed:
             self._muted = muted
-            self._news.notify_all()
+            self._changed.notify_all()
 
     # -- requests ----------------------------------------------------------------------------------------------------
 
@@ -130,7 +130,7 @@ class Breakpoints:
 
     def _place(self, settings: Settings) -> None:
         place = (settings.position != 0, settings.uid)
-        with self._news:
+        with self._changed:
             if self._ended:
                 return
             hook = self._placed.get(place)
@@ -138,7 +138,7 @@ class Breakpoints:
                 if hook.settings.mode == Mode.BREAKPOINT and settings.mode == Mode.REPLACE:
                     hook.ready = True
                 hook.settings = settings
-                self._news.notify_all()
+                self._changed.notify_all()
                 return
             node = self._nodes.get(settings.uid)
             if node is None:
@@ -153,21 +153,21 @@ class Breakpoints:
         """Removes the hook of a node. Raises RequestError."""
         uid = read.unsigned_16(read.member(document, 'uid'))
         after = read.signed_32(read.member(document, 'position')) != 0
-        with self._news:
+        with self._changed:
             if (after, uid) not in self._placed:
                 raise RequestError(UNKNOWN_NODE)
             self._drop(after, uid)
 
     def remove_all(self) -> None:
-        with self._news:
+        with self._changed:
             for after, uid in tuple(self._placed):
                 self._drop(after, uid)
 
     def disable_all(self) -> None:
-        with self._news:
+        with self._changed:
             for hook in self._placed.values():
                 hook.settings.enabled = False
-            self._news.notify_all()
+            self._changed.notify_all()
 
     def unlock(self, document: Any) -> None:
         """Lets a breakpoint go, with the result that the node is to have. Raises RequestError."""
@@ -175,7 +175,7 @@ class Breakpoints:
         status = read.string(read.member(document, 'desired_status'))
         after = read.signed_32(read.member(document, 'position')) != 0
         remove = read.boolean(read.member(document, 'remove_when_done'))
-        with self._news:
+        with self._changed:
             hook = self._placed.get((after, uid))
             if hook is None:
                 raise RequestError(UNKNOWN_NODE)
@@ -184,7 +184,7 @@ class Breakpoints:
             settings.once = settings.once or remove
             if settings.mode == Mode.BREAKPOINT:
                 hook.ready = True
-                self._news.notify_all()
+                self._changed.notify_all()
 
     def dump(self) -> str:
         """All hooks, as JSON."""
@@ -196,7 +196,7 @@ class Breakpoints:
         if not hook.settings.enabled or self._muted:
             return NodeStatus.SKIPPED
         self._on_reached(node.uid)
-        with self._news:
+        with self._changed:
             if hook.settings.mode == Mode.BREAKPOINT:
                 self._hold(hook)
                 hook.ready = False
@@ -215,7 +215,7 @@ class Breakpoints:
         self._holding = hook
         self._on_held(True)
         try:
-            self._news.wait_for(lambda: self._goes_on(hook))
+            self._changed.wait_for(lambda: self._goes_on(hook))
         finally:
             self._holding = None
             self._on_held(False)
@@ -230,8 +230,8 @@ class Breakpoints:
             self._callbacks.set_post_tick(self._nodes[uid], None)
         else:
             self._callbacks.set_pre_tick(self._nodes[uid], None)
-        self._news.notify_all()
+        self._changed.notify_all()
 
     def _look(self) -> None:
-        with self._news:
-            self._news.notify_all()
+        with self._changed:
+            self._changed.notify_all()
