@@ -15,27 +15,24 @@ from .clock import Clock
 Work = Callable[[], object]
 
 _WORKING: Final = 0.02
-"""Who uses so much of a processor does not wait for a disk; on a busy computer it is not more."""
-
-_LOOKS: Final = 12
-"""After so many times what should have sufficed, it is no use any more that the thread works: it may be in a loop."""
+"""Share of a processor above which a thread is at work rather than waiting; low, because on a busy computer it gets
+little."""
 
 
 @dataclass(frozen=True)
 class LateWork:
-    """What was not done, within how many seconds, and whether it is being worked at: it is slow, and does not hang."""
+    """What was not done, within how many seconds, and whether the thread is at work rather than waiting for a disk."""
 
     what: str
     seconds: float
-    is_slow: bool
+    uses_processor: bool
 
 
 class WorkThread:
     """Does what it is given, one after the other, until :meth:`close`; from any thread.
 
-    ``on_late`` is told on the thread of ``clock`` what has taken longer than ``seconds``, again when what was slow
-    hangs, or the other way round, and on this one, with None, that it is done. ``on_fault`` is told, on this thread,
-    what a piece of work has raised.
+    ``on_late`` is told on the thread of ``clock`` what has taken longer than ``seconds``, every so many seconds again,
+    and on this one, with None, that it is done. ``on_fault`` is told, on this thread, what a piece of work has raised.
     """
 
     def __init__(
@@ -121,7 +118,6 @@ class _Watch:
         self._processor = time.pthread_getcpuclockid(threading.get_ident())
         self._used = time.clock_gettime(self._processor)
         self._looks = 0
-        self._told: LateWork | None = None
         self._lock = threading.Lock()
         self._is_open = True
         self._timer = clock.call_at(clock.now() + seconds, self._look)
@@ -132,15 +128,13 @@ class _Watch:
                 return
             before, self._used = self._used, time.clock_gettime(self._processor)
             self._looks += 1
-            is_slow = self._used - before >= _WORKING * self._seconds and self._looks < _LOOKS
-            if self._told is None or is_slow is not self._told.is_slow:
-                self._told = LateWork(self._what, self._looks * self._seconds, is_slow)
-                self._on_late(self._told)
+            uses_processor = self._used - before >= _WORKING * self._seconds
+            self._on_late(LateWork(self._what, self._looks * self._seconds, uses_processor))
             self._timer = self._clock.call_at(self._clock.now() + self._seconds, self._look)
 
     def close(self) -> None:
         with self._lock:
             self._is_open = False
             self._timer.cancel()
-        if self._told is not None:
+        if self._looks:
             self._on_late(None)

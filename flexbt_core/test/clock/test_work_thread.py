@@ -10,8 +10,7 @@ import weakref
 from queue import SimpleQueue
 
 from flexbt_core.clock import LateWork, ManualClock, WorkThread
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 class Unwanted:
@@ -46,7 +45,7 @@ def test_work_is_done_in_order_late_work_is_told_and_what_was_taken_back_is_let_
     clock.advance(1.9)
     assert told.empty()
     clock.advance(0.2)
-    assert told.get(timeout=DEADLINE) == LateWork('a file was not read', 2.0, is_slow=False)
+    assert told.get(timeout=DEADLINE) == LateWork('a file was not read', 2.0, uses_processor=False)
     let_go = weakref.ref(kept)
     del kept
     take_back()
@@ -63,41 +62,28 @@ def test_work_is_done_in_order_late_work_is_told_and_what_was_taken_back_is_let_
     assert worker.waiting == 0
 
 
-def test_work_that_uses_the_processor_is_slow_until_it_waits_or_takes_far_too_long() -> None:
+def test_late_work_is_told_again_and_again_and_whether_it_uses_the_processor() -> None:
     clock = ManualClock()
     told: SimpleQueue[LateWork | None] = SimpleQueue()
     worker = WorkThread('worker', clock, 1.0, told.put, lambda _error: None)
-    steps = [threading.Event() for _ in range(15)]
+    works = [True, False, False, True]
+    steps = [threading.Event() for _ in works]
     worked = threading.Semaphore(0)
 
-    def work(rests: set[int]) -> None:
+    def work() -> None:
         """Between two looks either uses the processor, or not."""
-        for number, step in enumerate(steps):
-            until = time.thread_time() + (0.0 if number in rests else 0.03)
+        for is_at_work, step in zip(works, steps, strict=True):
+            until = time.thread_time() + (0.03 if is_at_work else 0.0)
             while time.thread_time() < until:
                 pass
             worked.release()
             assert step.wait(DEADLINE)
 
-    def lateness(rests: set[int]) -> list[LateWork]:
-        for step in steps:
-            step.clear()
-        worker.submit(lambda: work(rests), 'a file was not read')
-        for step in steps:
-            assert worked.acquire(timeout=DEADLINE)
-            clock.advance(1.0)
-            step.set()
-        assert worker.is_done_within(DEADLINE)
-        *late, end = (told.get(timeout=DEADLINE) for _ in range(told.qsize()))
-        assert end is None and None not in late
-        return [each for each in late if each is not None]
-
-    def is_slow(seconds: float) -> LateWork:
-        return LateWork('a file was not read', seconds, is_slow=True)
-
-    def hangs(seconds: float) -> LateWork:
-        return LateWork('a file was not read', seconds, is_slow=False)
-
-    assert lateness(rests={3, 4}) == [is_slow(1.0), hangs(4.0), is_slow(6.0), hangs(12.0)]
-    assert lateness(rests=set()) == [is_slow(1.0), hangs(12.0)]
+    worker.submit(work, 'a file was not read')
+    for number, (is_at_work, step) in enumerate(zip(works, steps, strict=True), 1):
+        assert worked.acquire(timeout=DEADLINE)
+        clock.advance(1.0)
+        assert told.get(timeout=DEADLINE) == LateWork('a file was not read', number, uses_processor=is_at_work)
+        step.set()
+    assert told.get(timeout=DEADLINE) is None
     worker.close()

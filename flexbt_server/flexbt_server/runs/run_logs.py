@@ -47,6 +47,7 @@ class RunLogs:
         self._directory = directory
         self._keep = keep
         self._error = runtime.node.get_logger().error
+        self._is_stuck = False
         self._writer = WorkThread(
             'btlog',
             runtime.steady,
@@ -78,7 +79,8 @@ class RunLogs:
         return ''
 
     def _tell_stuck(self, work: LateWork | None) -> None:
-        if work is not None and not work.is_slow:
+        was_stuck, self._is_stuck = self._is_stuck, work is not None and not work.uses_processor
+        if work is not None and self._is_stuck and not was_stuck:
             self._error(
                 f'{work.what}: nothing has been written for {work.seconds:g} s, the disk does not answer; the logs of '
                 f'trees wait for it, up to {MOST_WAITING} rounds'

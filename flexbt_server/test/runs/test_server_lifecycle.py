@@ -22,6 +22,7 @@ from flexbt_common.lifecycle import ManagedNode, NodeScope
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import to_entry
+from flexbt_core.clock import LateWork
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
 from flexbt_msgs.srv import ControlTree
 from flexbt_server.goals import tree_reader
@@ -169,6 +170,20 @@ def test_only_the_server_that_waits_for_a_read_that_hangs_is_not_ready() -> None
         again.close()
         assert 'files' not in unready
         disks[1].set()
+        reader = tree_reader(NodeScope(runtime))
+        for seconds, uses_processor, why in (
+            (5.0, True, ''),
+            (10.0, False, 'the disk'),
+            (15.0, True, ''),
+            (60.0, True, 'may never end'),
+            (65.0, True, 'within 60 s'),  # each reason is told once
+        ):
+            reader._on_late(LateWork('a file was not read', seconds, uses_processor))
+            told = unready.get('files', '')
+            assert why in told and bool(why) is bool(told), (seconds, told)
+        reader._on_late(None)
+        assert 'files' not in unready
+        reader.close()
 
 
 def test_cleanup_forgets_everything_and_frees_it() -> None:
