@@ -645,10 +645,11 @@ def test_long_names_push_nothing_out_that_has_to_be_seen() -> None:
     for text in (' wants done ', '4.0 s', 'because WARN: a crate is in the way', '[1 done*', ' 2 failed'):
         assert text in asked_rows, text
     assert any(line.endswith(' patrol  4 s') for line in machine_lines(view, 40, 12, UNICODE))
-    first = status_text(view, 80, '', '1 other needs you: o').plain
-    assert '  autonomy 1 Low  authority ann' in first and first.rstrip().endswith('  1 other needs you: o'), first
+    first = status_text(view, 80, '', '1 other needs you: o', 'ann').plain
+    assert first.rstrip().endswith('  autonomy 1 Low  authority ann  1 other needs you: o'), first
+    assert '  authority ann  (asked for' in status_text(view, 160, '', '', 'bob').plain
     *wrong, asks = alarm_text(view, 80, 'ann').plain.splitlines()
-    assert (len(wrong), asks[:48]) == (2, ' asks for the authority, "c" hands it over: bob,')
+    assert (len(wrong), asks) == (2, ' asked for the authority: "c" gives it to bob; 1 more asks (":" handover NAME)')
     assert 'authority' not in alarm_text(view, 80, 'bob').plain
 
 

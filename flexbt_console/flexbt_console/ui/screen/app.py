@@ -342,9 +342,10 @@ class OperatorScreen(App[None]):
         return styled(decision_lines(view, picked, columns, self._signs, is_pointing=is_pointing))
 
     def _status(self, view: View, columns: int, rows: int) -> Text:
-        if len(self._overview) < 2:
-            return status_text(view, columns, 'RECORDING' if self._replay else '', '')
-        return status_text(view, columns, self._robot, others_text(self._overview, self._robot))
+        robot, others = 'RECORDING' if self._replay else '', ''
+        if len(self._overview) > 1:
+            robot, others = self._robot, others_text(self._overview, self._robot)
+        return status_text(view, columns, robot, others, self._make.operator)
 
     def _alarm(self, view: View, columns: int, rows: int) -> Text:
         return alarm_text(view, columns, self._make.operator, is_recorded=self._replay is not None)

@@ -33,8 +33,11 @@ ALARM_ROWS = 3
 _INDENT = ' ' * 12
 
 
-def status_text(view: View, columns: int, robot: str, others: str) -> Text:
-    """The first line; ``robot`` names it where there are several, ``others`` says what those need."""
+def status_text(view: View, columns: int, robot: str, others: str, operator: str | None) -> Text:
+    """The first line; ``robot`` names it where there are several, ``others`` says what those need.
+
+    Who asks ``operator`` for the authority is in :func:`alarm_text`.
+    """
     snapshot = view.snapshot
     who = f'{one_line(robot)}  ' if robot else ''
     needs = f'  {others}' if others else ''
@@ -42,7 +45,8 @@ def status_text(view: View, columns: int, robot: str, others: str) -> Text:
         text = f' {who}NO EXECUTIVE: is it running, in this namespace and domain?{needs}'
         return styled([Line(cut(text, columns), Tone.ERROR)])
     link = 'LIVE' if view.live else f'{view.link.name} {age_text(view.age or 0.0)}'
-    authority = f'  authority {authority_text(snapshot)}' if snapshot.authority else ''
+    holder = snapshot.authority
+    authority = f'  authority {one_line(holder) if holder == operator else authority_text(snapshot)}' if holder else ''
     may = f'  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
     text = _with_end(_with_end(f' {who}{link}  {what_runs(view)}', may, columns - width(needs)), needs, columns)
     shown = styled([Line(text.ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
@@ -71,8 +75,10 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
     asked: list[str] = []
     if snapshot is not None and snapshot.authority_requests and snapshot.authority == operator:
-        who = ', '.join(map(one_line, snapshot.authority_requests))
-        asked = [Line(f'asks for the authority, "c" hands it over: {who}', Tone.WARNING)]
+        oldest, *others = snapshot.authority_requests
+        more = f'; {len(others)} more {"ask" if others[1:] else "asks"} (":" handover NAME)' if others else ''
+        asks = f'asked for the authority: "c" gives it to {one_line(oldest)}'
+        asked = [Line(_with_end(asks, more, columns - 1), Tone.WARNING)]
     shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
     return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown])
 
