@@ -304,7 +304,7 @@ class Mirror:
                 structure=self._structures.get(snapshot.run_id) if snapshot else None,
                 behaviors=self._current_behaviors(snapshot),
                 last_command=self._commands.latest(),
-                reasons=self._told_reasons(snapshot),
+                reasons=self._current_reasons(snapshot) if snapshot else {},
                 places={**self._own_places, **(self._places or {})},
                 has_places=self._places is not None,
                 trees=self._trees.runs(),
@@ -346,10 +346,10 @@ class Mirror:
             return None
         return known.behaviors
 
-    def _told_reasons(self, snapshot: Snapshot | None) -> Mapping[str, LogLine]:
+    def _current_reasons(self, snapshot: Snapshot) -> Mapping[str, LogLine]:
         if self._reasons is None:
-            of = snapshot.executive_id if snapshot else ''
-            self._reasons = reasons(snapshot, self._log.of(of), self._events.of(of)) if snapshot else {}
+            executive = snapshot.executive_id
+            self._reasons = reasons(snapshot, self._log.of(executive), self._events.of(executive))
         return self._reasons
 
     def _is_newer(self, snapshot: Snapshot, transit: Transit | None, now: float) -> bool:

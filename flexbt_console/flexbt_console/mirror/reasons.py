@@ -8,9 +8,11 @@ from typing import Final
 
 from .records import Decision, DecisionKind, EventKind, ExecutiveEvent, LogLine, Severity, Snapshot
 
-REASON_SECONDS: Final = 1.0
-"""What a container says about its outcome may be so much older than its decision, and a state that was active for a
-shorter time has only led on from the one before it."""
+_OLDER_SECONDS: Final = 1.0
+"""What a container says about its outcome may be so much older than its decision."""
+
+_PASSING_SECONDS: Final = 1.0
+"""A state that was active for a shorter time has only led on from the one before it."""
 
 
 def reasons(snapshot: Snapshot, log: Sequence[LogLine], events: Sequence[ExecutiveEvent]) -> dict[str, LogLine]:
@@ -26,7 +28,7 @@ def reasons(snapshot: Snapshot, log: Sequence[LogLine], events: Sequence[Executi
     left = [one for one in events if one.kind is EventKind.TRANSITION and one.run_id == snapshot.run_id]
     found = {}
     for decision in snapshot.decisions:
-        since = entered.get(decision.path, decision.since - REASON_SECONDS)
+        since = entered.get(decision.path, decision.since - _OLDER_SECONDS)
         asks = decision.kind is DecisionKind.INPUT
         line = None if asks else _gravest(line for line in _inside(told, decision.path) if line.stamp >= since)
         if line := line or _told_before(decision, told, left):
@@ -45,7 +47,7 @@ def _told_before(decision: Decision, told: Sequence[LogLine], left: Sequence[Exe
         grave = (line for line in _inside(told, path) if line.severity > Severity.INFO)
         if line := _gravest(line for line in grave if since <= line.stamp <= until):
             return line
-        before = entry if until - since < REASON_SECONDS else None
+        before = entry if until - since < _PASSING_SECONDS else None
     return None
 
 
