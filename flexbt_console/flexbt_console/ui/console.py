@@ -229,7 +229,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
     from .screen import show_recording
 
     with _watched_terminal() as watch:
-        show_recording(player, SteadyClock(), watch.ending_loop)
+        show_recording(player, SteadyClock(), watch.on_signal)
     return ExitCode.OK
 
 
@@ -287,7 +287,7 @@ def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     from .prompt import run_prompt  # while the robot is discovered
 
     leaving = line.value('--leaving') or LEAVING
-    run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.ending_loop)
+    run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.on_signal)
 
 
 def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
@@ -296,7 +296,7 @@ def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     from .screen import run_screen  # while the robots are discovered
 
     make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
-    run_screen(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.ending_loop, robots)
+    run_screen(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.on_signal, robots)
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:

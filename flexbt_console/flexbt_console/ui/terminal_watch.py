@@ -56,7 +56,7 @@ class TerminalWatch:
         os.write(self._signaled, bytes((number,)))
 
     @contextlib.contextmanager
-    def ending_loop(self, end: Callable[[], object]) -> Iterator[None]:
+    def on_signal(self, end: Callable[[], object]) -> Iterator[None]:
         """In the context, which is one of the event loop on the main thread, SIGINT, SIGTERM and SIGHUP have the loop
         call ``end``.
 

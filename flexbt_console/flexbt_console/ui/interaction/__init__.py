@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the prompt and the screen share: what a typed line means, the decision that it answers, and how they end."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
 from .attention import Attention
-from .ending import EndingLoop
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
 
@@ -11,11 +13,14 @@ __all__ = [
     'REACTION_SECONDS',
     'Attention',
     'Bound',
-    'EndingLoop',
     'Local',
     'Meaning',
     'NoLiveLinkError',
+    'OnSignal',
     'ShownDecision',
     'choose',
     'interpret',
 ]
+
+OnSignal = Callable[[Callable[[], object]], AbstractContextManager[None]]
+"""See :meth:`flexbt_console.ui.terminal_watch.TerminalWatch.on_signal`."""

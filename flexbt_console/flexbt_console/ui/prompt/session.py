@@ -50,10 +50,10 @@ from flexbt_console.present import (
 from flexbt_console.ui.interaction import (
     Attention,
     Bound,
-    EndingLoop,
     Local,
     Meaning,
     NoLiveLinkError,
+    OnSignal,
     ShownDecision,
     interpret,
 )
@@ -90,12 +90,12 @@ def run_prompt(
     timeout: float,
     clock: Clock,
     leaving: str,
-    ending_loop: EndingLoop,
+    on_signal: OnSignal,
 ) -> None:
     """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, of which
-    ``ending_loop`` tells (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
+    ``on_signal`` tells (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
     keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
-    prompt = Prompt(mirror, link, make, timeout, clock, leaving, ending_loop=ending_loop, input=keyboard)
+    prompt = Prompt(mirror, link, make, timeout, clock, leaving, on_signal=on_signal, input=keyboard)
     asyncio.run(prompt.run())
 
 
@@ -124,7 +124,7 @@ class Prompt:
         clock: Clock,
         leaving: str,
         *,
-        ending_loop: EndingLoop = lambda end: contextlib.nullcontext(),
+        on_signal: OnSignal = lambda end: contextlib.nullcontext(),
         input: Input | None = None,
         output: Output | None = None,
     ) -> None:
@@ -134,7 +134,7 @@ class Prompt:
         self._timeout = timeout
         self._clock = clock
         self._leaving = leaving
-        self._ending_loop = ending_loop
+        self._on_signal = on_signal
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
         self._attention = Attention(clock)
@@ -190,7 +190,7 @@ class Prompt:
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
-        with self._ending_loop(self._over.set), self._session.app.input.raw_mode():
+        with self._on_signal(self._over.set), self._session.app.input.raw_mode():
             tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
             try:
                 await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -43,7 +43,7 @@ from flexbt_console.present import (
     Tone,
     command_result_lines,
 )
-from flexbt_console.ui.interaction import CHANGED, Attention, Bound, EndingLoop, Local, Meaning, choose, interpret
+from flexbt_console.ui.interaction import CHANGED, Attention, Bound, Local, Meaning, OnSignal, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -727,25 +727,25 @@ def run_screen(
     timeout: float,
     clock: Clock,
     leaving: str,
-    ending_loop: EndingLoop,
+    on_signal: OnSignal,
     robots: Robots | None = None,
 ) -> None:
-    """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``ending_loop`` tells
+    """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``on_signal`` tells
     (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
-    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots), ending_loop)
+    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots), on_signal)
 
 
-def show_recording(player: Player, clock: Clock, ending_loop: EndingLoop) -> None:
+def show_recording(player: Player, clock: Clock, on_signal: OnSignal) -> None:
     """Show a recording in this terminal until the operator leaves it, or a signal ends it."""
     bar, make = ReplayBar(player, clock), CommandBuilder(None, NOTHING_SENT)
-    _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar), ending_loop)
+    _run(OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar), on_signal)
 
 
-def _run(screen: OperatorScreen, ending_loop: EndingLoop) -> None:
+def _run(screen: OperatorScreen, on_signal: OnSignal) -> None:
     """Nothing else writes to its terminal."""
 
     async def run() -> None:
-        with ending_loop(screen.exit):
+        with on_signal(screen.exit):
             await screen.run_async()
 
     with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
