@@ -65,13 +65,18 @@ def main() -> int:
     parser.add_argument('--kills', type=int, default=5, help='of each process')
     parser.add_argument('--stops', type=int, default=1, help='of each process')
     parser.add_argument('--hangs', type=int, default=1, help='of each thread')
-    parser.add_argument('--floods', nargs='*', metavar='TEXT', help='of names with one of these texts; all without')
+    parser.add_argument(
+        '--floods',
+        nargs='*',
+        metavar='TEXT',
+        help='flood topics, services and actions whose name contains one of TEXT; without TEXT, all',
+    )
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
     chance = random.Random(options.seed)
     trials = [
-        (how, name, thread)
+        (how == 'hang', partial(trial, how=how, name=name, thread=thread, chance=chance))
         for how, count in (('kill', options.kills), ('stop', options.stops), ('hang', options.hangs))
         for name, threads in THREADS.items()
         for thread in (threads if how == 'hang' else ('',))
@@ -81,23 +86,20 @@ def main() -> int:
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         if options.floods is not None:
-            trials += [('flood', name, kind) for name, kind in flooded(options.floods or [''])]
-        for number, (how, name, thread) in enumerate(trials):
+            trials += [(False, partial(flood, name=name, kind=kind)) for name, kind in flooded(options.floods or [''])]
+        for number, (can_be_held_up, measure) in enumerate(trials):
             logs = Path(directory) / str(number)
             logs.mkdir()
             # The stack shows what its processes have said.
             with (
                 contextlib.redirect_stdout(io.StringIO()),
-                Stack(logs, can_be_held_up=how == 'hang', forked=False) as stack,
+                Stack(logs, can_be_held_up=can_be_held_up, forked=False) as stack,
                 NodeRuntime.open('probe') as runtime,
             ):
                 stack.start_all()
                 probe = Probe(runtime)
                 probe.wait_ready()
-                if how == 'flood':
-                    rows.append(flood(stack, probe, name, thread))
-                else:
-                    rows.append(trial(stack, probe, how, name, thread, chance))
+                rows.append(measure(stack, probe))
             print(line(rows[-1]), flush=True)
     if options.output is not None:
         write_figures(options.output, {'faults': rows})

@@ -41,8 +41,8 @@ from flexbt_testing.system.lossy_link import LossyLink
 from flexbt_testing.system.network_namespace import NetworkNamespace
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.system.remote import Console, Observer, remote_console, remote_observer
+from flexbt_testing.waiting import DEADLINE
 
-DEADLINE = 60.0
 SETTLING = REPORT_TIME + 1.0
 GOAL = '{header: {frame_id: map}, pose: {position: {x: 10.0, y: 2.3}, orientation: {w: 1.0}}}'
 RADIO = profile('radio_robot'), profile('radio_console')
