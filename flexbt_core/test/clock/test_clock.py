@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_core.clock import Clock, ManualClock, SteadyClock, TimerQueue, WakeEvent
-
-DEADLINE = 60.0
+from flexbt_testing.waiting import DEADLINE
 
 
 def test_manual_clock_calls_in_order_of_time_each_at_its_time() -> None:

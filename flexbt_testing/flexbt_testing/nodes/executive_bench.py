@@ -13,8 +13,6 @@ from flexbt_onboard.node import ExecutiveParameters, open_executive
 
 from .operator import Operator
 
-"""Seconds within which what a test waits for has to happen, on a busy machine too."""
-
 
 def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
     """A library entry as an installed package would give it."""

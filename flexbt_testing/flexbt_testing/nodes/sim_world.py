@@ -45,7 +45,6 @@ from .sent_goal import SentGoal
 
 T = TypeVar('T')
 
-
 DOCK = (0.8, 4.45, 0.0)
 """Where the robot starts: at the west end of the corridor, heading along it."""
 

@@ -16,8 +16,6 @@ from flexbt_onboard.runs import ActiveLeaf, BehaviorRun, RunDecision, RunEnd, Ru
 from ..waiting import DEADLINE, wait_until
 from .scripted_action_server import Script, ScriptedActionServer
 
-"""Seconds within which what a test waits for has to happen, on a busy machine too."""
-
 
 class Run:
     """A run of a behavior, and what was seen of it."""

@@ -32,9 +32,9 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock
+from flexbt_testing.waiting import DEADLINE
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
-DEADLINE = 60.0
 
 
 class Work(StatefulAction):
