@@ -112,7 +112,7 @@ class HeardTime:
         self._seen = now
 
     def all_handled(self) -> None:
-        """Whatever had come when :meth:`look` was called."""
+        """Whatever had come when :meth:`sample` was called."""
         self.handled = self.looked
 
 

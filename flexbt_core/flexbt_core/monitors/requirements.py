@@ -211,7 +211,7 @@ class Requirements:
 
     @property
     def are_about_parts(self) -> bool:
-        """Whether something is required of what there is, rather than of what happens: :meth:`look`."""
+        """Whether something is required of what there is, rather than of what happens: :meth:`check_parts`."""
         return any(isinstance(one, IsA | Has) for one in self.requirements)
 
     def check_parts(self, parts: Parts) -> None:

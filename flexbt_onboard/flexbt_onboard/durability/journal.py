@@ -134,7 +134,10 @@ class Journal:
             if (before := _closing.get(file)) is not None:
                 before.join(_OPEN_SECONDS)
                 if before.is_alive():
-                    raise OSError('the disk has not taken yet what was written to it last')
+                    raise OSError(
+                        'the disk still holds up the last write of the journal before this one; wait for it, or name '
+                        'a directory on another disk'
+                    )
             self._take_guard()
             if file.exists():
                 self._read(file.read_bytes())

@@ -134,7 +134,8 @@ class StopWatch:
         if names and names != self._told:
             self._warn(
                 f'the robot is kept at rest until the next start: {", ".join(names)} went on after the stop. '
-                'Restart the node if it does not end the goal; one that was killed counts for up to 30 s'
+                'Restart the node if it does not end the goal; a node that was killed is taken for running '
+                'for up to 30 s: wait, or start the next run'
             )
         elif self._told and not names:
             self._warn(f'{", ".join(self._told)} has ended: the robot is not kept at rest any more')
