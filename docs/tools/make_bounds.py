@@ -123,7 +123,7 @@ def bounds() -> Iterator[tuple[str, str]]:
         (f'{presence.TOKENS_OF_PARTICIPANT}; {presence.MOST_TOKENS}'),
     )
     yield (
-        'what waits for a disk that hangs: events; rounds of ticks',
+        'what waits for the disk: events; rounds of ticks',
         (f'{event_log.MOST_WAITING:,}; {run_logs.MOST_WAITING:,}'),
     )
 

@@ -4,12 +4,13 @@
 A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace; by default in a directory
 for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
 on up to a number of files.
-A thread of its own writes, so that nobody waits for the disk; that it hangs is told, and events wait. What cannot be
-written is counted, and each reason told once, until something is written again. A disk that was full leaves a line that
-is cut off, and an empty one when it goes on.
+A thread of its own writes, so that nobody waits for the disk. Events wait for one that hangs, is full or fails, and are
+written in their order when that is possible; each reason is told once, until something is written again. What is more
+than may wait is counted. A line that a crash has cut off is ended before the next one.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
-``event``, and what belongs to the event:
+``steady`` (seconds on a clock that nobody sets, since the computer was booted), ``event``, and what belongs to the
+event:
 
 ==============  ========================================================================================================
 executive       ``state`` 'started' or 'ended', ``executive``
@@ -31,18 +32,21 @@ command         of an operator, a note too: the fields of ExecutiveCommand that 
                 or 'ignored', ``why``
 authority       ``holder``, ``requests``, ``text``
 operator        ``text``: consoles came or went, and what was done about it
-lost            ``number`` of events that could not be written before this one
+lost            ``number`` of events that are missing here
 ==============  ========================================================================================================
 """
 
 from __future__ import annotations
 
 import json
+import os
 import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_common.values import seconds_of
@@ -58,11 +62,16 @@ EVENT_LOG_FILES: Final = 5
 """Files that are kept, the one that is being written included."""
 
 MOST_WAITING: Final = 20_000
-"""Events that may wait for a disk that is slow, those included that it is to write now; more of them are lost, and
-counted."""
+"""Events that may wait for the disk, those included that it is to write now; more of them are lost, and counted."""
 
 STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for what waits is told."""
+
+RETRY_SECONDS: Final = 0.5
+"""From one attempt to write to a disk that has failed to the next."""
+
+_MOST_AT_ONCE: Final = 100
+"""Events of one attempt."""
 
 _CLOSE_SECONDS: Final = 0.3
 
@@ -90,11 +99,13 @@ class EventLog:
         self._on_problem = on_problem
         self._size = size
         self._files = files
-        self._queue: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
-        self._lock = threading.Lock()
-        self._lost = 0
+        self._changed = threading.Condition()
+        self._waiting: deque[dict[str, Any]] = deque()
+        self._lost = 0  # events after those that wait, which are not noted yet
+        self._lacking = 0  # events in all that were lost and not told yet
+        self._is_closed = False
+        self._may_be_cut = True  # the last line of the file
         self._problems: set[object] = set()  # that were told since something was written
-        self._in_hand = 0
         self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
             self._thread.start()
@@ -103,58 +114,88 @@ class EventLog:
         """Write an event with plain values: texts, numbers, lists and mappings."""
         if self._file is None:
             return
-        if self._in_hand + self._queue.qsize() >= MOST_WAITING:
-            self._lose(1)
-            return
-        stamp = self._clock.stamp()
-        seconds = round(seconds_of(stamp), 6)
-        self._queue.put({'time': round(time.time(), 6), 'stamp': seconds, 'event': event, **fields})
+        entry = self._entry(event, fields)
+        with self._changed:
+            if len(self._waiting) >= MOST_WAITING:
+                self._lost += 1
+                self._lacking += 1
+            else:
+                self._note_lost(entry)
+                self._waiting.append(entry)
+                self._changed.notify()
 
     def close(self) -> None:
         """Write what waits, for a limited time; nothing is written afterwards."""
         if self._file is not None:
-            self._queue.put(None)
+            with self._changed:
+                self._is_closed = True
+                self._changed.notify()
             self._thread.join(_CLOSE_SECONDS)
 
-    def _write_all(self) -> None:
-        is_open = True
-        while is_open:
-            batch = [self._queue.get()]
-            try:
-                while len(batch) < MOST_WAITING:
-                    batch.append(self._queue.get_nowait())
-            except Empty:
-                pass
-            if None in batch:
-                is_open = False
-                batch = batch[: batch.index(None)]
-            if batch:
-                self._in_hand = len(batch)
-                self._write([event for event in batch if event is not None])
-                self._in_hand = 0
+    def _entry(self, event: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            'time': round(time.time(), 6),
+            'stamp': round(seconds_of(self._clock.stamp()), 6),
+            'steady': round(time.clock_gettime(time.CLOCK_BOOTTIME), 6),
+            'event': event,
+            **fields,
+        }
 
-    def _write(self, events: list[dict[str, Any]]) -> None:
-        with self._lock:
-            lost, self._lost = self._lost, 0
-        first = events[0]
-        lines = [{'time': first['time'], 'stamp': first['stamp'], 'event': 'lost', 'number': lost}] if lost else []
-        lines += events
+    def _note_lost(self, before: Mapping[str, Any]) -> None:
+        if self._lost:
+            self._waiting.append(_lost_event(self._lost, before))
+            self._lost = 0
+
+    # -- the thread that writes ---------------------------------------------------------------------------------------
+
+    def _write_all(self) -> None:
+        while True:
+            with self._changed:
+                if self._problems:
+                    self._changed.wait_for(lambda: self._is_closed, RETRY_SECONDS)
+                self._changed.wait_for(lambda: self._waiting or self._is_closed)
+                if not self._waiting:
+                    return
+                events = list(islice(self._waiting, _MOST_AT_ONCE))
+                is_last = self._is_closed
+            if not self._write(events) and is_last:
+                number = len(self._waiting) + self._lacking
+                self._on_problem(f'the event log {self._file} lacks the last {number} events: it cannot be written')
+                return
+
+    def _write(self, events: Sequence[dict[str, Any]]) -> bool:
+        """Write the first of those that wait; gives whether that was possible."""
+        lines = [self._line(event) for event in events]
         try:
-            text = ''.join(json.dumps(event, ensure_ascii=False, default=str) + '\n' for event in lines)
-            # A line that a full disk has cut off ends here.
             with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
-                self._append(('\n' if self._problems else '') + text)
-        except Exception as error:  # not of the disk alone: a value may not let itself be written
-            self._lose(lost + len(events))
+                self._append(lines)
+        except Exception as error:  # whatever it is: nobody else writes
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
             self._tell(
                 (type(error), getattr(error, 'errno', None)),
-                f'the event log {self._file} cannot be written: {kind}{error}; going on without it',
+                f'the event log {self._file} cannot be written: {kind}{error}; up to {MOST_WAITING} events wait for it',
             )
-            return
-        if self._problems:
+            return False
+        now = self._entry('', {})
+        with self._changed:
+            self._note_lost(now)
+            lacking, self._lacking = self._lacking, 0
+        if lacking:
+            self._on_problem(f'the event log {self._file} lacks {lacking} events: more than {MOST_WAITING} had to wait')
+        if lacking or self._problems:
             self._problems.clear()
             self._on_problem('')
+        return True
+
+    def _line(self, event: dict[str, Any]) -> bytes:
+        """One that cannot be written is told, and noted as lost."""
+        try:
+            text = json.dumps(event, ensure_ascii=False, default=str)
+        except Exception as error:  # whatever a value does that does not let itself be written
+            why = f'{type(error).__name__}: {error}'
+            self._tell(type(error), f'the event log {self._file} lacks an event {event["event"]!r}: {why}')
+            text = json.dumps(_lost_event(1, event))
+        return f'{text}\n'.encode('utf-8', 'backslashreplace')
 
     def _tell_stuck(self) -> None:
         self._tell(
@@ -168,28 +209,56 @@ class EventLog:
             self._problems.add(kind)
             self._on_problem(problem)
 
-    def _lose(self, number: int) -> None:
-        with self._lock:
-            self._lost += number
+    def _append(self, lines: Sequence[bytes]) -> None:
+        """Append lines, and take each that is written from those that wait. When the file is full the others wait.
 
-    def _append(self, text: str) -> None:
+        Raises OSError where a line does not fit onto the disk; nothing is left of it.
+        """
         assert self._file is not None  # else there is no thread
-        data = text.encode('utf-8', 'backslashreplace')
         self._file.parent.mkdir(parents=True, exist_ok=True)
-        if self._file.exists() and self._file.stat().st_size + len(data) > self._size:
+        size = self._file.stat().st_size if self._file.exists() else 0
+        if size and size + len(lines[0]) > self._size:
             self._rotate()
-        # Opened for each batch: whoever moves or deletes the file does not end the log.
+        # Opened each time: whoever moves or deletes the file does not end the log.
         with self._file.open('ab', buffering=0) as file:
-            while data:  # when not all fits, the rest tells why
-                data = data[file.write(data) :]
+            if self._may_be_cut and _is_cut(self._file):
+                file.write(b'\n')
+            for line in lines:
+                begin = file.tell()
+                if begin and begin + len(line) > self._size:
+                    break
+                self._may_be_cut = True
+                try:
+                    rest = line
+                    while rest:  # when not all fits, the rest tells why
+                        rest = rest[file.write(rest) :]
+                except OSError:
+                    with suppress(OSError):  # else the next line ends it
+                        file.truncate(begin)
+                    raise
+                self._may_be_cut = False
+                self._waiting.popleft()
 
     def _rotate(self) -> None:
+        """Only as far as a number is free: a rotation that has failed is done again without a loss."""
         assert self._file is not None
-        rotated(self._file, self._files - 1).unlink(missing_ok=True)
-        for number in range(self._files - 1, 0, -1):
-            younger = rotated(self._file, number - 1)
-            if younger.exists():
-                younger.replace(rotated(self._file, number))
+        oldest = next((age for age in range(1, self._files) if not rotated(self._file, age).exists()), self._files)
+        for age in range(oldest, 0, -1):
+            rotated(self._file, age - 1).replace(rotated(self._file, age))
+        rotated(self._file, self._files).unlink(missing_ok=True)
+
+
+def _lost_event(number: int, before: Mapping[str, Any]) -> dict[str, Any]:
+    """The event that so many were lost before another one."""
+    return {name: before[name] for name in ('time', 'stamp', 'steady')} | {'event': 'lost', 'number': number}
+
+
+def _is_cut(file: Path) -> bool:
+    """Whether the last line of a file has no end."""
+    with file.open('rb') as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - 1))
+        return stream.read() not in (b'', b'\n')
 
 
 def newest_log(directory: Path) -> Path | None:

@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from queue import SimpleQueue
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
-from flexbt_onboard.event_log import EventLog, rotated
+from flexbt_onboard.event_log import EventLog, event_log, rotated
 from flexbt_onboard.event_log.event_log import STUCK_SECONDS
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -70,6 +70,11 @@ def events(directory: Path) -> list[dict[str, Any]]:
     """What the event log says."""
     text = (directory / 'onboard_executive.jsonl').read_text()
     return [json.loads(line) for line in text.splitlines() if line]
+
+
+def commands_of(told: list[dict[str, Any]]) -> list[str]:
+    """The kinds of the commands among events."""
+    return [one['command'] for one in told if one['event'] == 'command']
 
 
 def test_commands_decisions_and_states_are_recorded_with_their_effect(
@@ -140,37 +145,55 @@ def test_a_directory_that_cannot_be_written_is_told_once_and_harms_nobody(
     bench.logged('cannot be written')
     assert sum('cannot be written' in line.text for line in bench.logs) == 1
     blocked.unlink()
-    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1, run_id='')
     bench.logged('written again')
-    wait_until(lambda: len(events(blocked / 'below')) == 2, 'two lines')
-    lost, command = events(blocked / 'below')
-    assert (lost['event'], command['event']) == ('lost', 'command')
-    assert lost['number'] > 5
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1, run_id='')
+    commands = ['START', *['AUTONOMY'] * 3, 'STOP', 'AUTONOMY']
+    wait_until(lambda: len(commands_of(events(blocked / 'below'))) == len(commands), 'the commands')
+    told = events(blocked / 'below')
+    assert commands_of(told) == commands
+    assert told[0]['event'] == 'executive' and not [one for one in told if one['event'] == 'lost']
 
 
 FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
 from flexbt_common.runtime import NodeRuntime
-from flexbt_onboard.event_log import EventLog
+from flexbt_onboard.event_log import EventLog, event_log
+from flexbt_testing.waiting import wait_until
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+event_log.MOST_WAITING, event_log.RETRY_SECONDS = 150, 0.02
+resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.RLIM_INFINITY))
 with NodeRuntime.open('full') as runtime:
     problems = []
-    log = EventLog(Path(sys.argv[1]), runtime.clock, runtime.steady, problems.append)
+    file = Path(sys.argv[1])
+    log = EventLog(file, runtime.clock, runtime.steady, problems.append)
     for number in range(200):
         log.add('number', number=number)
-    log.close()
-    assert len(problems) == 1, problems
+    wait_until(lambda: len(problems) == 1, 'the problem')
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    wait_until(lambda: len(problems) == 3, 'the end of it')
+    log.add('last')
+    wait_until(lambda: '"last"' in file.read_text(), 'the last event')
+    assert 'too large' in problems[0] and 'lacks' in problems[1] and problems[2] == '', problems
 """
 
 
-def test_a_full_disk_leaves_whole_lines_and_at_most_one_that_is_cut_off(tmp_path: Path) -> None:
+def test_what_a_full_disk_does_not_take_waits_and_what_is_more_is_counted(tmp_path: Path) -> None:
     file = tmp_path / 'r.jsonl'
+    file.write_text('{"event": "cut o')
     subprocess.run([sys.executable, '-c', FULL_DISK, str(file)], check=True, timeout=60, env=os.environ)
-    lines = file.read_text().splitlines()
-    assert 10 < len(lines) < 60
-    assert [json.loads(line)['number'] for line in lines[:-1]] == list(range(len(lines) - 1))
+    cut, *lines = file.read_text().splitlines()
+    *told, last = [json.loads(line) for line in lines]
+    following = lost = 0
+    for one in told:
+        if one['event'] == 'lost':
+            lost += one['number']
+            following += one['number']
+        else:
+            assert one['number'] == following
+            following += 1
+    assert (cut, following, last['event']) == ('{"event": "cut o', 200, 'last')
+    assert 15 <= lost <= 50
 
 
 class Unwritable:
@@ -184,19 +207,20 @@ def test_each_reason_not_to_write_is_told_and_none_ends_the_log(tmp_path: Path) 
     with NodeRuntime.open('odd') as runtime:
         log = EventLog(file, runtime.clock, runtime.steady, problems.append)
         log.add('odd', value=Unwritable())
-        wait_until(lambda: len(problems) == 1, 'the problem')
+        wait_until(lambda: len(problems) == 2, 'the problem, and the end of it')
+        file.rename(tmp_path / 'before.jsonl')
         file.mkdir()
-        log.add('nowhere')
-        wait_until(lambda: len(problems) == 2, 'another problem')
-        log.add('nowhere')
-        wait_until(lambda: log._lost == 3, 'that it was tried again')
-        file.rmdir()
+        log.add('kept')
+        wait_until(lambda: len(problems) == 3, 'another problem')
         log.add('next')
-        wait_until(lambda: len(problems) == 3, 'the end of it')
+        file.rmdir()
+        wait_until(lambda: len(problems) == 4, 'the end of it')
         log.close()
-    assert 'RuntimeError: no text for this' in problems[0] and 'directory' in problems[1] and problems[2] == ''
-    lost, following = [json.loads(line) for line in file.read_text().split('\n') if line]
-    assert (lost['number'], following['event']) == (3, 'next')
+    assert 'RuntimeError: no text for this' in problems[0] and 'directory' in problems[2]
+    assert problems[1] == problems[3] == ''
+    (lost,) = [json.loads(line) for line in (tmp_path / 'before.jsonl').read_text().splitlines()]
+    assert (lost['event'], lost['number']) == ('lost', 1)
+    assert [json.loads(line)['event'] for line in file.read_text().splitlines()] == ['kept', 'next']
 
 
 def test_of_a_disk_that_hangs_and_then_fails_both_are_told_once(
@@ -204,15 +228,18 @@ def test_of_a_disk_that_hangs_and_then_fails_both_are_told_once(
 ) -> None:
     steady = ManualClock()
     problems: list[str] = []
-    asked: SimpleQueue[str] = SimpleQueue()
+    asked: SimpleQueue[Sequence[bytes]] = SimpleQueue()
     answers: SimpleQueue[OSError | None] = SimpleQueue()
 
-    def hang(_log: EventLog, text: str) -> None:
-        asked.put(text)
+    def hang(log: EventLog, lines: Sequence[bytes]) -> None:
+        asked.put(lines)
         answer = answers.get(timeout=DEADLINE)
         if answer is not None:
             raise answer
+        for _ in lines:
+            log._waiting.popleft()
 
+    monkeypatch.setattr(event_log, 'RETRY_SECONDS', 0.02)
     monkeypatch.setattr(EventLog, '_append', hang)
     clock: Any = SimpleNamespace(stamp=Time)
     log = EventLog(tmp_path / 'r.jsonl', clock, steady, problems.append)
@@ -235,7 +262,7 @@ def test_files_are_rotated_and_nothing_is_lost_between_them(tmp_path: Path) -> N
         log = EventLog(file, runtime.clock, runtime.steady, lambda _text: None, size=2000, files=3)
         for number in range(300):
             log.add('number', number=number)
-            wait_until(lambda: log._queue.qsize() < 5, 'written')
+            wait_until(lambda: len(log._waiting) < 5, 'written')
         begin = uncontended_time()
         log.close()
         assert uncontended_time() - begin < 1.0
