@@ -2,7 +2,8 @@
 """What an event log says of a run: where the time went, how often the operator was needed, and what operators did.
 
 The figures are those of FlexBE's evaluation of its logs: time in each state, time of waiting for the operator, visits,
-and interventions. Times are in seconds on the clock of the node, or of wall time.
+and interventions. Times are in seconds on the clock of the node, or of wall time; that the computer's clock was set
+while a run went on is taken out of them.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from flexbt_core.skills import SkillError, SkillMonitor
 Event = Mapping[str, Any]
 
 ROOT: Final = '/'
+
+CLOCK_SET_SECONDS: Final = 0.5
+"""By so much the time between two events differs from that of the steady clock where the computer's clock was set."""
 
 _TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'why')
 """Fields of a command that are shown with it."""
@@ -102,6 +106,8 @@ class RunMetrics:
     interventions: list[Intervention] = field(default_factory=list)
     faults: int = 0
     contradictions: list[Contradiction] = field(default_factory=list)
+    clock_set: list[float] = field(default_factory=list)
+    """By how much the computer's clock was set while the run went on, s each time; no time here has it."""
 
     @property
     def duration(self) -> float:
@@ -198,9 +204,11 @@ class _Reader:
         self._metrics = metrics
         self._clock = clock
         self._active: dict[str, float] = {}
-        self._waiting: dict[str, tuple[float, Event]] = {}
+        self._waiting: dict[str, tuple[float, float, Event]] = {}
         self._causes: dict[str, tuple[float, float]] = {}
-        self._wall = 0.0
+        self._before: tuple[float, float] | None = None  # wall and steady time of the event before
+        self._set = 0.0  # s by which the computer's clock was set in all
+        self._wall = 0.0  # without these
         self._now: float | None = None
         self._is_over = False
         self._monitor = SkillMonitor({})
@@ -211,7 +219,12 @@ class _Reader:
         A command whose effect was the end may be written after it; one that came too late is not of the run.
         """
         metrics = self._metrics
-        now = float(event.get(self._clock, 0.0))
+        wall, now = float(event.get('time', 0.0)), float(event.get(self._clock, 0.0))
+        if not self._is_over:
+            self._see_clock_set(wall, event.get('steady'))
+        if abs(now - wall) < CLOCK_SET_SECONDS:  # else it is simulated
+            now -= self._set
+        self._wall = wall - self._set
         if self._is_over:
             if kind != 'command' or event.get('effect') != 'applied':
                 return
@@ -221,7 +234,6 @@ class _Reader:
         else:
             now = max(now, self._now)
         self._now = metrics.end = now
-        self._wall = float(event.get('time', 0.0))
         path = str(event.get('path', ''))
         if kind == 'started':
             metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
@@ -236,7 +248,7 @@ class _Reader:
             self._leave(path, now, outcome, reason)
             self._note(path, now, self._monitor.ended(path, outcome, by_itself=reason == 'outcome'))
         elif kind == 'waiting':
-            self._waiting[str(event.get('decision'))] = now, event
+            self._waiting[str(event.get('decision'))] = now, self._wall, event
         elif kind == 'decided':
             self._decide(str(event.get('decision')), now)
         elif kind == 'fault':
@@ -263,6 +275,7 @@ class _Reader:
 
     def interrupt(self, outcome: str = '') -> None:
         """Everything that is active ends here: with the run, or with the executive."""
+        self._before = None  # the computer may have been booted
         if self._now is not None:
             for path in sorted(self._active, reverse=True):
                 self._leave(path, self._now, outcome if path == ROOT else '', '')
@@ -277,6 +290,15 @@ class _Reader:
                 queue, interaction = self._causes[wait.decision]
                 self._metrics.waits[place] = replace(wait, queue=queue, interaction=interaction)
         return self._metrics
+
+    def _see_clock_set(self, wall: float, steady: object) -> None:
+        before = self._before
+        self._before = (wall, steady) if isinstance(steady, float) else None
+        if before is not None and self._before is not None:
+            by = (wall - before[0]) - (self._before[1] - before[1])
+            if abs(by) > CLOCK_SET_SECONDS:
+                self._set += by
+                self._metrics.clock_set.append(by)
 
     def _hear(self, skills: object) -> None:
         try:
@@ -295,7 +317,7 @@ class _Reader:
         self._metrics.visits.append(Visit(path, begin, now, outcome, reason))
 
     def _decide(self, decision: str, now: float) -> None:
-        begin, event = self._waiting.pop(decision, (now, None))
+        begin, wall, event = self._waiting.pop(decision, (now, 0.0, None))
         if event is not None:
             self._metrics.waits.append(
                 Wait(
@@ -305,7 +327,7 @@ class _Reader:
                     str(event.get('kind', '')),
                     str(event.get('outcome', '')),
                     decision,
-                    max(0.0, self._wall - float(event.get('time', 0.0))),
+                    max(0.0, self._wall - wall),
                 )
             )
 

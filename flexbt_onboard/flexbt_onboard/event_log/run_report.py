@@ -65,6 +65,7 @@ def as_json(run: RunMetrics) -> dict[str, object]:
         'states': [dataclasses.asdict(one) for one in run.paths()],
         'visits': [dataclasses.asdict(one) for one in sorted(run.visits, key=lambda visit: visit.begin)],
         'waits': [dataclasses.asdict(one) for one in run.waits],
+        'clock_set': run.clock_set,
         'contradictions': [dataclasses.asdict(one) for one in run.contradictions],
         'interventions': [dataclasses.asdict(one) for one in run.interventions],
     }
@@ -80,6 +81,7 @@ def as_text(run: RunMetrics) -> list[str]:
         f'waiting for the operator {run.waiting:.1f} s ({share:.0f} %), decisions {len(run.waits)}, '
         f'faults {run.faults}',
         'of it (wall time): ' + ', '.join(f'{cause} {seconds:.1f} s' for cause, seconds in run.wait_causes().items()),
+        *(f"the computer's clock was set by {by:+.1f} s, which no time here has" for by in run.clock_set),
         '',
         f'{"state":40} {"visits":>6} {"total s":>9} {"longest s":>9} {"waiting s":>9}  outcomes',
     ]

@@ -232,6 +232,32 @@ def test_waits_are_told_by_their_causes() -> None:
     assert sum(causes.values()) == sum(wait.end - wait.begin for wait in run.waits)
 
 
+@pytest.mark.parametrize('offset', [0.0, -100.0])
+def test_that_the_clock_was_set_counts_in_no_time(offset: float) -> None:
+    """The stamps are of the computer's clock, or of a simulated one."""
+
+    def event(steady: float, name: str, *, step: float = 0.0, **fields: Any) -> dict[str, Any]:
+        stamp = 10.0 + steady + (offset or step)
+        return {'event': name, 'stamp': stamp, 'time': 10.0 + steady + step, 'steady': steady, 'run': 'r', **fields}
+
+    events = [
+        event(0.0, 'started', behavior='B'),
+        event(1.0, 'entered', path='/A'),
+        event(2.0, 'waiting', decision='d', path='/A', kind='transition'),
+        event(5.0, 'decided', step=3600.0, decision='d'),
+        event(6.0, 'left', step=3600.0, path='/A', outcome='done', reason='outcome'),
+        event(7.0, 'entered', step=-3600.0, path='/B'),
+        event(9.0, 'ended', step=-3600.0, outcome='done'),
+    ]
+    for wall in (False, True):
+        (run,) = metrics_of(events, wall=wall)
+        assert run.duration == pytest.approx(9.0)
+        assert {one.path: one.total for one in run.paths()} == pytest.approx({'/': 8.0, '/A': 5.0, '/B': 2.0})
+        assert [wait.wall for wait in run.waits] == pytest.approx([3.0])
+        assert run.clock_set == pytest.approx([3600.0, -7200.0])
+    assert "the computer's clock was set by +3600.0 s" in '\n'.join(as_text(run))
+
+
 class Grab(EventState):
     skill = Skill.of(preconditions=['not holding'], outcomes={'done': ['holding']})
 
