@@ -53,6 +53,9 @@ class Freshness:
     more than the sender's clock is ahead. That and the transit are together more than the time that a message was on
     its way; of it a heartbeat period is allowed, and the rest counts as age. Without an echo, the picture is STALE
     until a transit alone shows that it is young; the first one may have been kept for late subscribers.
+
+    A message was sent after the one before it. So one that seems to have taken longer than that one by more than the
+    time between their arrivals shows that a clock was set meanwhile: it counts as having taken as long as that one.
     """
 
     def __init__(self, lost_after: float = LOST_SECONDS) -> None:
@@ -78,13 +81,18 @@ class Freshness:
         """A message newer than all before it has arrived."""
         low, high = PERIOD_BOUNDS
         self._period = min(max(heartbeat_period, low), high) if math.isfinite(heartbeat_period) else 1.0
-        first = self._arrived is None
+        before, first = self._transit, self._arrived is None
+        since = math.inf if self._arrived is None else now - self._arrived
         self._arrived = now
         self._gone = False
         self._transit = transit if transit is not None and math.isfinite(transit) else None
         if self._transit is None:
             self._confirmed = not first
             return
+        if before is not None and self._transit - before > since + SKEW_TOLERANCE:
+            step = self._transit - before
+            self._transits = deque((one + step for one in self._transits), BASELINE_LENGTH)
+            self._ahead = deque((one - step for one in self._ahead), ECHOES_REMEMBERED)
         self._transits.append(self._transit)
         young = -SKEW_TOLERANCE <= self._transit <= self._period
         self._confirmed = self._confirmed or young or bool(self._ahead)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import random
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -188,19 +189,24 @@ def test_what_a_message_was_late_counts_as_age() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)
     for sequence, delay in ((1, 0.01), (2, 0.01), (3, 1.01)):
-        mirror.receive_snapshot(snapshot('e', sequence), Transit(sent=float(sequence), received=sequence + delay))
+        clock.set(sequence + delay)
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(sent=float(sequence), received=clock.now()))
     age = mirror.view().age
     assert age is not None and abs(age - 1.0) < 1e-6
 
 
-def test_a_step_of_the_clock_of_the_robot_is_survived() -> None:
+@pytest.mark.parametrize('is_echoed', [False, True])
+@pytest.mark.parametrize('step', [-500.0, 500.0])
+def test_a_clock_that_is_set_does_not_make_the_picture_old(step: float, is_echoed: bool) -> None:
     clock = ManualClock()
     mirror = Mirror(clock)
     for sequence in range(1, 40):
         clock.advance(1.0)
-        step = -500.0 if sequence > 10 else 0.0
-        mirror.receive_snapshot(snapshot('e', sequence), Transit(clock.now() + step, clock.now()))
-    assert mirror.view().live
+        ahead = step if sequence > 10 else 0.0
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(clock.now() + ahead, clock.now()))
+        if is_echoed and sequence < 10:
+            mirror.receive_pong(0.0)
+        assert mirror.view().live, sequence
 
 
 def test_the_end_of_the_sender_is_seen_at_once() -> None:
