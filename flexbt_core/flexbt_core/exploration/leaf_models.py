@@ -371,37 +371,53 @@ def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
 
 # -- values ----------------------------------------------------------------------------------------------------------
 
-_WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b|([A-Za-z_]\w*)")
+_WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b|([A-Za-z_]\w*)|(&&|\|\||[;?])")
 
 
 def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """Values that make a difference to scripts, by keys that stand in them: each constant, and what is beside it."""
+    """Values that make a difference to scripts, by keys: each constant of the same part, and what is beside it.
+
+    Keys that are compared have them in common: in ``a > 3 && b == a && kind == 'van'`` those of a are those of b.
+    """
     found: dict[str, dict[tuple[type[Any], Any], None]] = {}
     for script in scripts:
-        keys: list[str] = []
-        values: list[Any] = []
-        for text, number, truth, name in _WORDS.findall(script):
-            if name:
-                keys.append(name)
-            elif number:
-                values += (
-                    [float(number), float(number) - 1.0, float(number) + 1.0]
-                    if '.' in number
-                    else [
-                        value for one in (int(number), int(number) - 1, int(number) + 1) for value in (one, float(one))
-                    ]
-                )
-            elif not truth:
-                values += [text, '']
-        for key in keys:
+        groups: list[tuple[dict[str, None], list[Any]]] = []
+        for keys, values in _parts(script):
+            for group in [one for one in groups if not one[0].keys().isdisjoint(keys)]:
+                groups.remove(group)
+                keys, values = {**group[0], **keys}, group[1] + values
+            groups.append((keys, values))
+        for keys, values in groups:
             # 1, 1.0 and True are equal, and not the same here.
-            found.setdefault(key, {}).update(dict.fromkeys((type(value), value) for value in (True, False, *values)))
+            of_part = dict.fromkeys((type(value), value) for value in (True, False, *values))
+            for key in keys:
+                found.setdefault(key, {}).update(of_part)
     return {key: tuple(value for _, value in values) for key, values in found.items()}
 
 
+def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
+    """Of each part of a script the keys, and the constants with what is beside each."""
+    parts: list[tuple[dict[str, None], list[Any]]] = [({}, [])]
+    for text, number, truth, name, end in _WORDS.findall(script):
+        keys, values = parts[-1]
+        if end:
+            parts.append(({}, []))
+        elif name:
+            keys[name] = None
+        elif '.' in number:
+            values += [float(number), float(number) - 1.0, float(number) + 1.0]
+        elif number:
+            values += [value for one in (int(number), int(number) - 1, int(number) + 1) for value in (one, float(one))]
+        elif not truth:
+            values += [text, '']
+    return parts
+
+
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Those of some values that are of a type."""
-    return tuple(one for one in values if kind is None or type(one) is kind.python_type)
+    """Those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
+    of_type = [one for one in values if kind is None or type(one) is kind.python_type]
+    plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
+    return tuple(dict.fromkeys(plain or of_type))
 
 
 def some_value(kind: PortType | None) -> Any:

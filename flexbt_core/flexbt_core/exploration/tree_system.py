@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree import (
     UnfinishedWork,
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
-from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry, PortType
+from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry
 from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary
 
 from .choices import Choices
@@ -57,7 +57,6 @@ _ROUNDS: Final = 200
 
 _WIRED: Final = ('_values', 'context', 'blackboard', 'marks', 'id', 'name', 'uid', '_scope', 'conditions', '_entries')
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
-_PARTS: Final = re.compile(r'&&|\|\||[;?]')
 _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
@@ -252,7 +251,7 @@ class TreeSystem:
                 needed.add(id(entry))
         for at, (key, entry) in read.items():
             if entry.value is EMPTY and (at not in written or key in given):
-                options = _told_apart(entry.type, tested.get(at, ()))
+                options = fitting(entry.type, tested.get(at, ()))
                 entry.write(options[0] if options else some_value(entry.type))
                 if len(options) > 1:
                     self._questions.append((key, entry, options))
@@ -262,8 +261,8 @@ class TreeSystem:
         return tuple(sorted({key for key, _ in found}))
 
     def _tested(self, scripts: Iterable[str]) -> dict[int, tuple[Any, ...]]:
-        """By entries, of whatever name in a sub-tree, the values that make a difference to the parts of scripts."""
-        values = tested_values(part for script in scripts for part in _PARTS.split(script))
+        """By entries, of whatever name in a sub-tree, the values that make a difference to scripts."""
+        values = tested_values(scripts)
         found: dict[int, tuple[Any, ...]] = {}
         for subtree in self._tree.subtrees:
             for key in values:
@@ -486,13 +485,6 @@ def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
         if (decides := node.values.get('variable')) is not None and decides.key is not None:  # of a Switch
             cases = (value.text for name, value in node.values.items() if name.startswith('case_'))
             yield from (f"{decides.key.removeprefix('@')} == '{case}'" for case in cases if "'" not in case)
-
-
-def _told_apart(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Those of a type; of a type that nobody tells, numbers or texts where there are any, and each once."""
-    of_type = fitting(kind, values)
-    plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
-    return tuple(dict.fromkeys(plain or of_type))
 
 
 def _fault(error: NodeExecutionError) -> Violation:

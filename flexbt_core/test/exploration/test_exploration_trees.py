@@ -100,6 +100,12 @@ class Choose(StandIn):
     ports = {'door': output_port(STRING)}
 
 
+class Look(StandIn):
+    """Tells things of no type."""
+
+    ports = {'level': output_port(), 'other': output_port(), 'kind': output_port()}
+
+
 class Forgetful(Control):
     """Ticks its children by turns, and forgets to halt the one before."""
 
@@ -153,7 +159,7 @@ class Stalled(Control):
 def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
-    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave)
+    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
     found.register_classes([*leaves, Forgetful, Stalled, Alternating])
     return found
 
@@ -455,3 +461,12 @@ def test_what_is_given_has_every_value_that_is_asked_for() -> None:
     assert report.is_complete and report.holds, report.counterexamples
     (absent,) = proved(level).counterexamples
     assert absent.violation.property is Property.DATA
+
+
+def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script() -> None:
+    """Of outputs of no type: a text is beside no number, and what is compared has values in common."""
+    script = "level &gt; 3 &amp;&amp; other == level &amp;&amp; kind == 'van; car'"
+    look = '<Look level="{level}" other="{other}" kind="{kind}"/>'
+    asked = f'<Sequence><ScriptCondition code="{script}"/><Turn/></Sequence>'
+    report = proved(f'<Sequence>{look}<Fallback>{asked}<Plan/></Fallback></Sequence>')
+    assert report.is_complete and report.holds, report.counterexamples
