@@ -36,6 +36,7 @@ from .teams import Task, Team, TeamBranch, TeamPlan, TeamPolicy, plan_team, team
 from .trees import (
     COUNT_ENTRY,
     FAILURE_ENTRY,
+    LAST_ENTRY,
     Branch,
     Coverage,
     Disturbance,
@@ -55,6 +56,7 @@ from .trees import (
 __all__ = [
     'COUNT_ENTRY',
     'FAILURE_ENTRY',
+    'LAST_ENTRY',
     'Action',
     'Branch',
     'Condition',

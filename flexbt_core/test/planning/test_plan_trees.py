@@ -100,7 +100,7 @@ def test_an_action_without_effect_is_not_done_for_ever() -> None:
     world = World(problem, set(problem.initial), idle=lambda name: name == 'to_kitchen')
     assert world.run(xml) is NodeStatus.FAILURE
     assert set(world.done) == {'to_kitchen'}
-    assert world.reason == f'the goal was not reached by {len(world.done)} actions'
+    assert world.reason == f'the goal was not reached by {len(world.done)} actions; the last one was to_kitchen'
 
 
 def test_where_no_branch_holds_it_gives_up_and_says_so() -> None:

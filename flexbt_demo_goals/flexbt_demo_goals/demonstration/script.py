@@ -30,7 +30,7 @@ BRANCHES: Final = (PLANNED, SHUT, PICKED_UP, MOVED, REACHED, REFUSED, AGAIN)
 
 TITLE: Final = 'Demonstration 5: a goal, and a robot that plans'
 
-NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitchen) (failed)'
+NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitchen) (failed: kitchen_door is jammed)'
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import math
 import posixpath
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, TypeVar
 
@@ -33,6 +33,7 @@ from flexbt_core.behavior_tree.model import DOUBLE, STRING, UNSIGNED
 from flexbt_core.planning import (
     COUNT_ENTRY,
     FAILURE_ENTRY,
+    LAST_ENTRY,
     Measurement,
     Mission,
     Outcome,
@@ -45,7 +46,7 @@ from flexbt_core.planning import (
     tree_xml,
 )
 from flexbt_core.skills import SkillError, SkillLibrary, read_skills
-from flexbt_core.values import counted
+from flexbt_core.values import counted, excerpt
 
 from .leaf_services import LeafServices
 
@@ -124,7 +125,7 @@ class ReachGoal(ExpandingAction):
         super().__init__(config)
         self._next: Callable[[], NodeStatus] = self._measure
         self._thought: _Thought[Any] | None = None
-        self._left_out: set[str] = set()
+        self._left_out: dict[str, str] = {}
         self._tried = 0
         self._start: list[str] = []
         self._hopeless: list[str] | None = None
@@ -184,7 +185,7 @@ class ReachGoal(ExpandingAction):
         if self.clock.now() < self._sensors_by and not all(leaf.is_informed for leaf in _leaves(self)):
             self.wake_at(self._sensors_by)  # a sensor that has its message wakes the tree, too
             return NodeStatus.RUNNING
-        goal, limit, left_out = self._goal, float(self.get_input('time_limit')), frozenset(self._left_out)
+        goal, limit, left_out = self._goal, float(self.get_input('time_limit')), dict(self._left_out)
         start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
         if self._hopeless is not None and self.clock.now() >= self._sensors_by:
             return self.fail(self._why)
@@ -208,7 +209,7 @@ class ReachGoal(ExpandingAction):
         why = str(self._board.get_or(FAILURE_ENTRY, ''))
         failed = failed_action(planned.problem, why)
         if failed is not None:
-            self._left_out.add(failed)
+            self._left_out[failed] = next(_reasons(self, failed), '')
         self._tried += 1
         if self._tried >= self.get_input('attempts'):
             return self.fail(f'gave up after {counted(self._tried, "attempt")}: {why}')
@@ -216,7 +217,7 @@ class ReachGoal(ExpandingAction):
 
     def _expand(self, library: TreeLibrary, tree_id: str) -> NodeStatus:
         board = self._board = Blackboard(self.blackboard)
-        for entry in (COUNT_ENTRY, FAILURE_ENTRY):
+        for entry in (COUNT_ENTRY, LAST_ENTRY, FAILURE_ENTRY):
             board.declare(entry, None)  # of this tree, also where others have some of the same name
         board.enable_autoremap()
         return self.expand(library, tree_id, board)
@@ -282,6 +283,14 @@ def _leaves(above: TreeNode) -> Iterator[LeafNode]:
         yield from _leaves(node)
 
 
+def _reasons(above: TreeNode, action: str) -> Iterator[str]:
+    """Why leaves of an action failed last, where they have said so."""
+    for leaf in _leaves(above):
+        reason = leaf.failure_reason()
+        if leaf.name == action and reason != TreeNode.failure_reason(leaf):
+            yield reason
+
+
 def _read(host: LeafServices, file: str, goal: str) -> _Goal:
     """Raises PlanningError, SkillError, ResourceError, TreeLoadError."""
     store = host.trees
@@ -300,14 +309,15 @@ def _read(host: LeafServices, file: str, goal: str) -> _Goal:
 
 
 def _search(
-    host: LeafServices, goal: _Goal, start: list[str], left_out: frozenset[str], limit: float, clock: SearchClock
+    host: LeafServices, goal: _Goal, start: list[str], left_out: Mapping[str, str], limit: float, clock: SearchClock
 ) -> tuple[Plan, TreeLibrary]:
-    """Raises PlanningError, SkillError, TreeLoadError."""
+    """``left_out``: actions to do without, each with why it failed. Raises PlanningError, SkillError, TreeLoadError."""
     problem = skill_problem(goal.library, start, goal.goal, goal.mission.disturbances)
     problem = replace(problem, actions=tuple(action for action in problem.actions if action.name not in left_out))
     found = plan(problem, time_limit=limit, clock=clock)
     if found.policy is None:
-        without = f' without {", ".join(sorted(left_out))} (failed)' if left_out else ''
+        failed = (f'{name} (failed{why and f": {excerpt(why)}"})' for name, why in sorted(left_out.items()))
+        without = f' without {", ".join(failed)}' if left_out else ''
         if found.outcome is Outcome.TIME_LIMIT:
             bound = '' if math.isinf(found.bound) else f'; none costs less than {found.bound:g}'
             raise PlanningError(f'no plan{without} was found within {limit:g} s{bound}')

@@ -115,7 +115,7 @@ class Bench:
                 StatefulAction,
                 ('from', 'to', 'door', 'where'),
                 on_start=lambda node: RUNNING,
-                on_running=lambda node, name=name: SUCCESS if self.world.act(name, node) else FAILURE,
+                on_running=lambda node, name=name: SUCCESS if self.world.act(name, node) else node.fail('it jams'),
                 on_halted=lambda node: None,
                 goes_on='it drives',
             )
@@ -276,7 +276,7 @@ def test_an_action_that_failed_for_good_is_left_out(bench: Bench) -> None:
     tree = bench.tree()
     assert bench.run(tree) is FAILURE
     assert tree.failure is not None
-    assert tree.failure.reason.startswith('there is no plan without PickUpCup(kitchen) (failed): ')
+    assert tree.failure.reason.startswith('there is no plan without PickUpCup(kitchen) (failed: it jams): ')
     assert bench.world.done.count('PickUpCup') == 3  # its retries, and once only
 
 

@@ -30,8 +30,7 @@ from xml.etree import ElementTree
 
 from flexbt_core.planning.problems import Problem
 from flexbt_core.planning.trees import (
-    COUNT_ENTRY,
-    FAILURE_ENTRY,
+    NOTHING_DONE,
     Group,
     LeafWriter,
     Rule,
@@ -76,7 +75,7 @@ class _TeamWriter(LeafWriter):
         tree = ElementTree.Element('BehaviorTree', ID=name)
         top = add(tree, 'Sequence')
         found = ''.join(f"; {entry('lost', robot)} := false; {entry('next', robot)} := ''" for robot, _ in robots)
-        add(top, 'Script', code=f"{COUNT_ENTRY} := 0; {FAILURE_ENTRY} := ''{found}")
+        add(top, 'Script', code=NOTHING_DONE + found)
         ways = add(top, 'Fallback')
         step = add(ways, 'ReactiveSequence', name='until the goal holds')
         self.goal(add(step, 'Inverter'), self._policy.goals)

@@ -6,6 +6,8 @@ from .coverage import MOST_STATES, Coverage, Disturbance, explore, fault
 from .leaf_elements import (
     COUNT_ENTRY,
     FAILURE_ENTRY,
+    LAST_ENTRY,
+    NOTHING_DONE,
     LeafWriter,
     actions_left,
     add,
@@ -21,7 +23,9 @@ from .tree_xml import tree_xml
 __all__ = [
     'COUNT_ENTRY',
     'FAILURE_ENTRY',
+    'LAST_ENTRY',
     'MOST_STATES',
+    'NOTHING_DONE',
     'Branch',
     'Coverage',
     'Disturbance',

@@ -19,6 +19,12 @@ FAILURE_ENTRY: Final = 'plan_failure'
 COUNT_ENTRY: Final = 'plan_actions'
 """The entry of the blackboard with the number of actions that succeeded."""
 
+LAST_ENTRY: Final = 'plan_last'
+"""The entry of the blackboard with the last action that succeeded."""
+
+NOTHING_DONE: Final = f"{COUNT_ENTRY} := 0; {LAST_ENTRY} := ''; {FAILURE_ENTRY} := ''"
+"""The script with which a tree begins."""
+
 _MARGIN: Final = 3
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
 """Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
@@ -69,11 +75,12 @@ class LeafWriter:
         """An action with its attempts. ``done`` and ``failed`` are scripts for its end; ``more`` are attributes."""
         name = self._domain.actions[number].name
         leaf = self._problem.leaf(name)
+        succeeded = f"{COUNT_ENTRY} := {COUNT_ENTRY} + 1; {LAST_ENTRY} := '{quoted(name)}'; {FAILURE_ENTRY} := ''"
         retry = add(
             parent,
             'RetryUntilSuccessful',
             num_attempts=str(leaf.attempts),
-            _onSuccess=f"{COUNT_ENTRY} := {COUNT_ENTRY} + 1; {FAILURE_ENTRY} := ''{done}",
+            _onSuccess=succeeded + done,
             _onFailure=f"{FAILURE_ENTRY} := '{_failure(name, leaf)}'{failed}",
             **more,
         )
@@ -106,12 +113,14 @@ def actions_left(parent: ElementTree.Element, most: int) -> None:
     """Gives up when so many actions have succeeded."""
     allowed = add(parent, 'ReactiveFallback', name='actions are left')
     add(allowed, 'ScriptCondition', code=f'{COUNT_ENTRY} < {most}')
-    add_last_branch(allowed, f'the goal was not reached by {most} actions')
+    add_last_branch(
+        allowed, f'the goal was not reached by {most} actions', f" .. '; the last one was ' .. {LAST_ENTRY}"
+    )
 
 
-def add_last_branch(parent: ElementTree.Element, reason: str) -> None:
-    """A last branch: it keeps the reason that an action has left."""
-    code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? '{reason}' : {FAILURE_ENTRY}"
+def add_last_branch(parent: ElementTree.Element, reason: str, more: str = '') -> None:
+    """A last branch: it keeps the reason that an action has left. ``more`` is what a script adds to the reason."""
+    code = f"{FAILURE_ENTRY} := ({FAILURE_ENTRY} == '') ? ('{reason}'{more}) : {FAILURE_ENTRY}"
     add(add(parent, 'ForceFailure', name='gives up'), 'Script', name=reason, code=code)
 
 

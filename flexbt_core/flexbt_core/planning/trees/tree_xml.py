@@ -4,7 +4,7 @@
 ::
 
     Sequence
-      Script                            plan_actions := 0; plan_failure := ''
+      Script                            plan_actions := 0; plan_last := ''; plan_failure := ''
       Fallback
         KeepRunningUntilFailure         one action after the other
           ReactiveSequence
@@ -27,7 +27,7 @@ from xml.etree import ElementTree
 from flexbt_core.planning.problems import Problem
 
 from .compaction import Group, Rule
-from .leaf_elements import COUNT_ENTRY, FAILURE_ENTRY, LeafWriter, actions_left, add, add_last_branch, allowed_actions
+from .leaf_elements import NOTHING_DONE, LeafWriter, actions_left, add, add_last_branch, allowed_actions
 from .planner import Plan
 from .policy import Policy
 
@@ -58,7 +58,7 @@ class _Writer(LeafWriter):
     def tree(self, name: str, members: Sequence[Rule | Group], most: int) -> ElementTree.Element:
         tree = ElementTree.Element('BehaviorTree', ID=name)
         top = add(tree, 'Sequence')
-        add(top, 'Script', code=f"{COUNT_ENTRY} := 0; {FAILURE_ENTRY} := ''")
+        add(top, 'Script', code=NOTHING_DONE)
         ways = add(top, 'Fallback')
         step = add(add(ways, 'KeepRunningUntilFailure'), 'ReactiveSequence', name='until the goal holds')
         self.goal(add(step, 'Inverter'), self._policy.goals)
