@@ -11,6 +11,7 @@ from flexbt_demo_goals.behavior import ReachGoal
 from flexbt_demo_goals.demonstration import flat, robot_processes
 from flexbt_demo_goals.leaves import ROOMS, room_at
 from flexbt_onboard.behaviors import BehaviorLibrary
+from flexbt_server.leaves import ServiceLeaf
 from flexbt_server.node_types import node_registry
 
 PACKAGE = Path(__file__).parents[1]
@@ -50,8 +51,10 @@ def test_the_mission_is_planned_with_the_leaves_of_the_package() -> None:
         'FlatPutDown(cup, office)',
     )
     assert load_xml(tree_xml(found), 'plan.xml', registry).main == 'Plan'
-    leaves = [one.id for one in registry if one.node_class.__module__.startswith('flexbt_demo_')]
-    assert leaves and all(id.startswith('Flat') for id in leaves), 'names are shared: those of others stay free'
+    leaves = [one for one in registry if one.node_class.__module__.startswith('flexbt_demo_')]
+    assert leaves and all(one.id.startswith('Flat') for one in leaves), 'names are shared: those of others stay free'
+    waiting = [one.id for one in leaves if issubclass(one.node_class, ServiceLeaf)]
+    assert all(library.skills[id].deadline for id in waiting), 'others may undo what they wait for before it is seen'
     for file in (PACKAGE / 'trees').glob('*.xml'):
         assert load_xml(file.read_bytes(), file.name, registry).main is not None
 
