@@ -171,7 +171,7 @@ class MapFrame:
 
     def _error(self, one: Asked, error: TransformError) -> NavigationError:
         stamp = seconds_of(one.header.stamp)
-        age = f', of {self._runtime.clock.now() - stamp:.3f} s ago' if stamp else ''
+        age = f', of {seconds_of(self._runtime.clock.stamp()) - stamp:.3f} s ago' if stamp else ''
         return NavigationError(
             'TF_ERROR',
             f'{one.name} is in frame {shown(one.header.frame_id)}{age}, from which no transform leads to '
