@@ -8,6 +8,7 @@ import contextlib
 import functools
 import math
 import shlex
+import signal
 import threading
 import traceback
 from collections import deque
@@ -745,8 +746,14 @@ def _run(screen: OperatorScreen, on_signal: OnSignal) -> None:
     """Nothing else writes to its terminal."""
 
     async def run() -> None:
-        with on_signal(screen.exit):
-            await screen.run_async()
+        # Textual's driver leaves its own, which need the event loop.
+        before = {number: signal.getsignal(number) for number in (signal.SIGTSTP, signal.SIGCONT)}
+        try:
+            with on_signal(screen.exit):
+                await screen.run_async()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
         asyncio.run(run())
