@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import os
 import random
 import re
+import signal
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 
@@ -48,12 +50,13 @@ from flexbt_console.mirror import (
     TreeNode,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.ui.screen import KEYS, OperatorScreen
+from flexbt_console.ui.screen import KEYS, OperatorScreen, run_screen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
 from flexbt_console.ui.screen.machine_lines import machine_lines
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Pane
 from flexbt_console.ui.screen.status_lines import alarm_text, status_text
+from flexbt_console.ui.screen.terminal_driver import TerminalDriver
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -603,6 +606,33 @@ def test_where_there_is_little_room_what_is_active_is_shown_and_what_waits_above
         assert lines[-2:] == ['      left -> a', '      right'] or rows == 99, shown  # of the one that waits
         assert not any(text in shown for text in hidden), shown
     assert any('? Now' in line for line in machine_lines(robot.mirror.view(), 80, 4, ASCII))
+
+
+def test_where_there_is_room_the_bar_says_how_the_others_that_wait_are_listed() -> None:
+    robot = Robot()
+    robot.show(PLAN, *(dataclasses.replace(WHERE, id=f'd{number}') for number in range(39)))
+    for columns, tail in ((80, '(+39 more: ":" status)'), (79, '(+39 more)')):
+        assert decision_lines(robot.mirror.view(), '', columns, ASCII)[0].endswith(tail)
+
+
+def test_after_the_screen_signals_do_what_they_did_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run_async(screen: OperatorScreen) -> None:
+        TerminalDriver(screen)
+
+    monkeypatch.setattr(OperatorScreen, 'run_async', run_async)
+    robot, numbers = Robot(), (signal.SIGTSTP, signal.SIGCONT)
+    before = [signal.getsignal(number) for number in numbers]
+    run_screen(
+        robot.mirror,
+        robot.link,
+        CommandBuilder('ann'),
+        5.0,
+        robot.clock,
+        'stays',
+        lambda _end: contextlib.nullcontext(),
+    )
+    after = [signal.signal(number, handler) for number, handler in zip(numbers, before, strict=True)]
+    assert after == before
 
 
 def test_leaves_that_the_bar_has_no_room_for_are_counted() -> None:

@@ -106,8 +106,9 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
             acting = [*acting[: room - 1], f'  +{len(acting) - room + 1} more']
         folded = [row for line in acting for row in fold(line, columns, room // len(acting))]
         return [Line('nothing waits for you', Tone.DIM), *folded]
-    tail = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
-    tail += f'  (+{len(view.decisions) - 1} more)' if len(view.decisions) > 1 else ''
+    age = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
+    others = len(view.decisions) - 1
+    tails = [f'{age}  (+{others} more{listed})' for listed in (': ":" status', '')] if others else [age]
     where = one_line(decision.path)
     head = f'{signs.waits} {cut_middle(where, columns // 2)}{asked_text(decision, snapshot).removeprefix(where)}'
     reasons = [Line(f'  {line}', tone_of(line)) for line in reason_lines(decision, view)[:1]]
@@ -116,8 +117,9 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]
     room = ROWS - len(told)
     heads = fold(head, columns, most := max(1, min(2, room - len(reasons))))
-    if width(heads[-1]) + width(tail) > columns and len(heads) < most:
+    if width(heads[-1]) + width(tails[-1]) > columns and len(heads) < most:
         heads.append(' ')
+    tail = next((one for one in tails if width(heads[-1]) + width(one) <= columns), tails[-1])
     heads[-1] = cut(heads[-1], columns - width(tail)) + tail  # also of a head that is cut
     lines: list[str] = [Line(text, Tone.DECISION) for text in heads]
     for reason in reasons:
