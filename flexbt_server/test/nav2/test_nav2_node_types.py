@@ -258,6 +258,17 @@ def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, bra
     assert {registry.variant_of(elements_of(root)) for registry in REGISTRIES.values()} == {branch}
 
 
+def test_a_port_that_somebodys_class_inherits_shows_no_branch() -> None:
+    registry = node_registry(fail, 'jazzy')
+    spin = registry.get('Spin')
+    assert spin is not None
+    registry.register('MySpin', type('MySpin', (spin.node_class,), {}))
+    own = '<MySpin disable_collision_checks="true"/>'
+    for nodes, branch in ((own, None), (own + '<IsPathValid/>', 'jazzy'), (own + '<IsGoalNearby/>', 'main')):
+        root = parse(Source('f', f'<root BTCPP_format="4">{PLAIN.format(nodes)}</root>'))
+        assert registry.variant_of(elements_of(root)) == branch
+
+
 @pytest.mark.parametrize('dialect', DIALECTS)
 @pytest.mark.parametrize('id', FACTS)
 def test_a_node_type_is_that_of_nav2(id: str, dialect: Dialect) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from functools import partial
 from typing import Final, Literal, get_args
 
 from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode, declared_id
@@ -43,27 +42,36 @@ MAIN_TREES: Final = frozenset(
 """What they are called in main."""
 
 
-def _dialect_of(registry: NodeRegistry, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
+class _DialectOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
-    Nodes and ports that only one branch has tell it. Where there are none, the names of trees do: all of Nav2's own in
-    jazzy are the main tree ``MainTree``, those of main have names of their own.
+    Nodes and ports that only one branch has tell it; of ports, those of Nav2's own nodes: somebody's class that derives
+    from one inherits them. Where there are none, the names of trees do: all of Nav2's own in jazzy are the main tree
+    ``MainTree``, those of main have names of their own.
     """
-    told: set[str] = set()
-    named: Dialect | None = None
-    for id, attributes in elements:
-        if id == 'root' and attributes.get('main_tree_to_execute') == JAZZY_TREE:
-            named = 'jazzy'
-        elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
-            named = 'main'
-        elif (manifest := registry.get(id)) is not None:
-            if not any(id in others for others in registry.variants.values()):
-                told.add(manifest.variant)
-            told.update(manifest.ports[name].variant for name in attributes.keys() & manifest.ports.keys())
-    told &= {*DIALECTS}
-    if not told:
-        return named
-    return told.pop() if len(told) == 1 else None
+
+    def __init__(self, registry: NodeRegistry) -> None:
+        self.nodes = set[str]()
+        """Names of those that are Nav2's."""
+        self._registry = registry
+
+    def __call__(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
+        told: set[str] = set()
+        named: Dialect | None = None
+        for id, attributes in elements:
+            if id == 'root' and attributes.get('main_tree_to_execute') == JAZZY_TREE:
+                named = 'jazzy'
+            elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
+                named = 'main'
+            elif (manifest := self._registry.get(id)) is not None:
+                if not any(id in others for others in self._registry.variants.values()):
+                    told.add(manifest.variant)
+                if id in self.nodes:
+                    told.update(manifest.ports[name].variant for name in attributes.keys() & manifest.ports.keys())
+        told &= {*DIALECTS}
+        if not told:
+            return named
+        return told.pop() if len(told) == 1 else None
 
 
 def register_dialects(registry: NodeRegistry, node_classes: Collection[type[TreeNode]], dialect: Dialect) -> None:
@@ -72,8 +80,10 @@ def register_dialects(registry: NodeRegistry, node_classes: Collection[type[Tree
     A class that is one in a single branch names it, as ``variant``. Where the other branch has none of that name, it is
     known in both, and a file that uses it shows its branch.
     """
-    registry.variant_of = partial(_dialect_of, registry)
+    if not isinstance(registry.variant_of, _DialectOf):
+        registry.variant_of = _DialectOf(registry)
     classes = Counter(map(declared_id, node_classes))
+    registry.variant_of.nodes.update(classes)
     for node_class in node_classes:
         branch = vars(node_class).get('variant', dialect)
         is_other = branch != dialect and classes[declared_id(node_class)] > 1
