@@ -11,7 +11,7 @@ nor those that are being canceled already.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Final
 
@@ -124,18 +124,17 @@ class MotionStop:
             self._listen(name)
 
     @property
-    def going_on(self) -> list[str]:
-        """The actions of which a goal has not ended, each with the node that serves it, as far as servers that are
-        there have told since :meth:`prepare` or :meth:`hold`. One that was killed is there until its lease is over, if
-        it is not known to have ended."""
+    def going_on(self) -> Mapping[tuple[str, bytes], str]:
+        """The actions of which a goal has not ended, by their writers, each with the node that serves it, as far as
+        servers that are there have told since :meth:`prepare` or :meth:`hold`. One that was killed is there until its
+        lease is over, if it is not known to have ended."""
         node = self._runtime.node
-        told = (
-            f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
+        return {
+            (name, writer): f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
             for name, busy in self._busy.items()
             for writer in busy and busy & self._writers(name)
             if not self._has_ended(writer)
-        )
-        return sorted(set(told))
+        }
 
     def hold(self) -> None:
         """Begin to keep the robot at rest, until :meth:`release`."""

@@ -8,7 +8,7 @@ whoever has sent it there has given it up: the robot is kept at rest as long as 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from flexbt_common.runtime import NodeRuntime
@@ -34,8 +34,9 @@ class RobotStop(Protocol):
         """Whether it keeps the robot at rest now."""
 
     @property
-    def going_on(self) -> Sequence[str]:
-        """The actions that may move the robot, and that go on, for people."""
+    def going_on(self) -> Mapping[tuple[str, bytes], str]:
+        """The actions that may move the robot, and that go on, by action and writer: each for people, with the node's
+        name, which may become known later."""
 
     def prepare(self) -> None:
         """A run begins, or is told to stop."""
@@ -62,7 +63,7 @@ class StopWatch:
         self._runtime = runtime
         self._robot = robot
         self._warn = warn
-        self._told: Sequence[str] = ()
+        self._told: Mapping[tuple[str, bytes], str] = {}
         self._run: BehaviorRun | None = None
         self._since = 0.0
         self._timer: Timer | None = None
@@ -105,7 +106,7 @@ class StopWatch:
 
     def _leave(self) -> None:
         self._run = None
-        self._told = ()
+        self._told = {}
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -130,14 +131,18 @@ class StopWatch:
 
     def _goes_on(self) -> bool:
         """Whether something moves the robot all the same, of which operators are told."""
-        names = tuple(self._robot.going_on)
-        if names and names != self._told:
+        going_on = self._robot.going_on
+        if going_on and going_on.keys() != self._told.keys():
             self._warn(
-                f'the robot is kept at rest until the next start: {", ".join(names)} went on after the stop. '
+                f'the robot is kept at rest until the next start: {_listed(going_on)} went on after the stop. '
                 'Restart the node if it does not end the goal; a node that was killed is taken for running '
                 'for up to 30 s: wait, or start the next run'
             )
-        elif self._told and not names:
-            self._warn(f'{", ".join(self._told)} has ended: the robot is not kept at rest any more')
-        self._told = names
-        return bool(names)
+        elif self._told and not going_on:
+            self._warn(f'{_listed(self._told)} has ended: the robot is not kept at rest any more')
+        self._told = going_on
+        return bool(going_on)
+
+
+def _listed(going_on: Mapping[tuple[str, bytes], str]) -> str:
+    return ', '.join(sorted({*going_on.values()}))
