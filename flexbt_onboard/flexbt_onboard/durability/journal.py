@@ -97,6 +97,22 @@ _closing: WeakValueDictionary[Path, threading.Thread] = WeakValueDictionary()
 """The threads of closed journals of this process, which keep them as long as a slow disk has not answered."""
 
 
+def await_closed(file: Path) -> None:
+    """Wait for a limited time until the disk has taken what was written last to a closed journal of this process.
+
+    Raises:
+        OnboardError: it has not.
+    """
+    if (before := _closing.get(file)) is not None:
+        before.join(_OPEN_SECONDS)
+        if before.is_alive():
+            raise _unusable(
+                file,
+                'the disk still holds up the last write of the journal before this one; wait for it, or name a '
+                'directory on another disk',
+            )
+
+
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
@@ -130,20 +146,14 @@ class Journal:
         self._is_closed = False
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
+        await_closed(file)
         try:
-            if (before := _closing.get(file)) is not None:
-                before.join(_OPEN_SECONDS)
-                if before.is_alive():
-                    raise OSError(
-                        'the disk still holds up the last write of the journal before this one; wait for it, or name '
-                        'a directory on another disk'
-                    )
             self._take_guard()
             if file.exists():
                 self._read(file.read_bytes())
         except OSError as error:
             self._release_files()
-            raise OnboardError(f'parameter journal_directory: {file} cannot be used: {error}') from error
+            raise _unusable(file, error) from error
         self._thread = threading.Thread(target=self._write_all, name='journal', daemon=True)
         self._thread.start()
 
@@ -340,6 +350,10 @@ class Journal:
             if descriptor >= 0:
                 os.close(descriptor)
         self._descriptor = self._guard = -1
+
+
+def _unusable(file: Path, why: object) -> OnboardError:
+    return OnboardError(f'parameter journal_directory: {file} cannot be used: {why}')
 
 
 def _write_whole(descriptor: int, data: bytes) -> None:

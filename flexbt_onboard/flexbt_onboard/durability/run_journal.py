@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common.cli import node_file
@@ -21,7 +22,7 @@ from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
-from .journal import Journal, Result
+from .journal import Journal, Result, await_closed
 from .plain_form import from_plain_form, to_plain_form
 
 REASON_LENGTH: Final = 2000
@@ -110,8 +111,18 @@ class RunJournal:
             OnboardError: it cannot be opened.
         """
         self._lost: set[str] = set()
-        file = node_file(directory, node_name, '.journal')
+        file = _file(directory, node_name)
         self._journal = Journal(file, on_problem, clock) if file is not None else None
+
+    @staticmethod
+    def await_closed(directory: str, node_name: str) -> None:
+        """Wait until the journal can be opened that was closed last, which a slow disk may hold up for some seconds.
+
+        Raises:
+            OnboardError: it takes longer.
+        """
+        if (file := _file(directory, node_name)) is not None:
+            await_closed(file)
 
     @property
     def damage(self) -> str:
@@ -222,6 +233,10 @@ class RunJournal:
     def _has(self, run_id: str) -> bool:
         begin = self._journal.state.begin if self._journal is not None else None
         return begin is not None and begin['run'] == run_id
+
+
+def _file(directory: str, node_name: str) -> Path | None:
+    return node_file(directory, node_name, '.journal')
 
 
 def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:

@@ -307,6 +307,7 @@ def open_executive(
 ) -> Executive:
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
     found = BehaviorLibrary.discover() if library is None else library
+    RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())  # holds up nobody
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive

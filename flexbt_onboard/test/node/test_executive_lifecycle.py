@@ -16,12 +16,14 @@ from rclpy.parameter import Parameter
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus
+from flexbt_common.cli import node_file
 from flexbt_common.lifecycle import ManagedNode
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.action import ExecuteBehavior, OperatorInput
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors import BehaviorLibrary
+from flexbt_onboard.durability import journal
 from flexbt_onboard.node import Executive, UnconfiguredExecutive, declare_parameters, open_executive
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
@@ -206,7 +208,9 @@ def test_twenty_rounds_leave_nothing_behind(bench: ManagedBench) -> None:
     assert len(Hold.left) == 10
 
 
-def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(bench: ManagedBench, tmp_path: Path) -> None:
+def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(
+    bench: ManagedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = bench.entities()
     threads: list[int] = []
     (tmp_path / 'file').touch()
@@ -236,6 +240,20 @@ def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(bench: 
     wait_until(lambda: 'active' in [one.message for one in heard if one.name.endswith('lifecycle')], 'active')
     bench.wait_message('')
     bench.start()
+
+    # Nobody is held up while a slow disk has the journal of before.
+    waited: list[bool] = []
+
+    class Writing(threading.Thread):
+        def join(self, timeout: float | None = None) -> None:
+            waited.append(bench.runtime.on_executor_thread)
+
+    bench.change('deactivate', 'cleanup')
+    writing, file = Writing(), node_file(str(tmp_path / 'new'), f'/{names.ONBOARD_EXECUTIVE}', '.journal')
+    assert file is not None
+    monkeypatch.setitem(journal._closing, file, writing)
+    bench.change('configure')
+    assert waited and not waited[0]
 
 
 GOALS_OF = {
