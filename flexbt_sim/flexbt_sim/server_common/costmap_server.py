@@ -59,6 +59,7 @@ GREATEST_STEP: Final = 0.5
 """Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
 
 COMPLAINT_SECONDS: Final = 5.0
+"""From one complaint to the next, s; so long the frame of a lidar may come after its scans without one."""
 
 _SHOWN: Final = numpy.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1, 253)), 99, 100, -1], numpy.int8)
 """The occupancy that shows a cost, as Nav2 shows it: 99 for inscribed, 100 for lethal, -1 for unknown."""
@@ -93,6 +94,7 @@ class CostmapServer:
         self._kept: dict[str, _Kept] = {}
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=POSES)
         self._scan: LaserScan | None = None
+        self._unplaced_since = math.inf
         self._observation: tuple[float, Observation, Pose] | None = None
         self._frames = TransformBuffer()
         node = runtime.node
@@ -187,12 +189,14 @@ class CostmapServer:
             take_transforms(self._frames, message, is_static=True)
         except FlexbtError as error:
             self._complain(error)
+        self._observe()
 
     def _complain(self, error: FlexbtError | ValueError) -> None:
         self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
     def _observe(self) -> None:
-        """Take a scan over as soon as a pose is known that is not older: the two come by different topics."""
+        """Take a scan over as soon as a pose is known that is not older, and the frame of the lidar: they come by
+        different topics."""
         scan = self._scan
         if scan is None or not self._poses or not self._kept:
             return
@@ -207,8 +211,14 @@ class CostmapServer:
         try:
             mounted = self._mounted(scan.header.frame_id)
         except TransformError as error:
-            self._complain(error)
+            now = self._runtime.steady.now()
+            self._unplaced_since = min(self._unplaced_since, now)
+            if error.is_early and now - self._unplaced_since < COMPLAINT_SECONDS:
+                self._scan = scan
+            else:
+                self._complain(error)
             return
+        self._unplaced_since = math.inf
         ranges = numpy.array(scan.ranges, numpy.float64)
         ranges[(ranges < scan.range_min) | (numpy.isfinite(ranges) & (ranges > scan.range_max))] = math.nan
         angles = scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))

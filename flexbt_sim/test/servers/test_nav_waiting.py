@@ -8,15 +8,26 @@ import time
 from collections.abc import Iterator
 from unittest.mock import Mock
 
+import numpy
 import pytest
 from builtin_interfaces.msg import Duration
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, ServedGoal
 from flexbt_common.runtime import Received, tells_writers
-from flexbt_common.values import duration_message, seconds_of
-from flexbt_sim.server_common import RobotInterface, declare_navigation_parameters, robot_interface
+from flexbt_common.values import duration_message, seconds_of, time_message
+from flexbt_sim.ros_messages import transform
+from flexbt_sim.server_common import (
+    RobotInterface,
+    costmap_server,
+    declare_navigation_parameters,
+    robot_interface,
+)
+from flexbt_sim.server_common.costmap_server import CostmapServer
+from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world, pose, without_faults
 from flexbt_testing.waiting import uncontended_time
@@ -109,6 +120,40 @@ def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> N
         robot._demand.reasons.append(lambda: True)
         robot._demand._look()
         assert runtime.call(lambda: receive(0.8))[0] <= 0.0
+
+
+def test_a_scan_waits_for_the_frame_of_its_lidar_and_one_that_never_comes_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(CostmapServer, '_complain', lambda _, error: told.append(str(error)))
+    with without_faults('robot_interface', namespace='/alone') as runtime:
+        costmaps = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)).costmaps)
+        scan = LaserScan(ranges=[1.0], range_max=3.5)
+        scan.header.frame_id = 'base_scan'
+
+        def see(seconds: float) -> bool:
+            """Whether there is an obstacle after a scan and a pose of that time."""
+            scan.header.stamp = time_message(seconds)
+            data = serialize_message(scan)
+            costmaps._receive_scan(Received(data, len(data), b'', time.time()))
+            costmaps.add_pose(seconds, Pose(1.0, 1.0, 0.0))
+            return bool(costmaps.local.obstacles.any())
+
+        runtime.call(
+            lambda: costmaps.set_map(OccupancyMap(numpy.zeros((60, 60), numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)))
+        )
+        assert not runtime.call(lambda: see(1.0))
+        assert told == []
+        monkeypatch.setattr(costmap_server, 'COMPLAINT_SECONDS', 0.0)
+        assert not runtime.call(lambda: see(2.0))
+        assert len(told) == 1 and "'base_scan' is not known" in told[0]
+        monkeypatch.setattr(costmap_server, 'COMPLAINT_SECONDS', 1000.0)
+        assert not runtime.call(lambda: see(3.0))
+        mounted = transform('base_link', 'base_scan', Pose(0.0, 0.0, 0.0), time_message(0.0))
+        runtime.call(lambda: costmaps._receive_frames(TFMessage(transforms=[mounted])))
+        assert runtime.call(lambda: costmaps.local.obstacles.any())
+        assert len(told) == 1
 
 
 def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(monkeypatch: pytest.MonkeyPatch) -> None:
