@@ -25,6 +25,10 @@ SPACING: Final = 0.05
 END_TOLERANCE: Final = 0.3
 """How far start and goal may be from a free cell, m: a robot that touches a wall has to get away from it."""
 
+SPARE: Final = 0.01
+"""How much farther than it has to, m, a straight line keeps from obstacles, but no more than half as much as the cells
+do that it replaces: who follows it is never on it by a hair."""
+
 WEIGHTS: Final = numpy.where(numpy.arange(256) < INSCRIBED, NEUTRAL_COST + COST_FACTOR * numpy.arange(256), math.inf)
 """What it costs to cross a cell, by its cost; infinite where the robot cannot be."""
 
@@ -206,6 +210,7 @@ class GridPlanner:
         way: list[Position] = [(row, column) for row, column in on_the_way]
         weights = WEIGHTS[self._costmap.costs[cells[:, 0], cells[:, 1]]]
         weights = numpy.concatenate([weights[:1], weights, weights[-1:]])
+        radii = self._radii(begin, cells, end)
         steps = numpy.hypot(*numpy.diff(way, axis=0).T)
         spent = numpy.concatenate([[0.0], numpy.cumsum(steps * (weights[:-1] + weights[1:]) / 2.0)])
         corners = [way[0]]
@@ -213,12 +218,12 @@ class GridPlanner:
         while here < last:
             stop.check()
             reach = 1
-            while here + reach < last and self._is_shortcut(way, spent, here, min(last, here + 2 * reach)):
+            while here + reach < last and self._is_shortcut(way, spent, radii, here, min(last, here + 2 * reach)):
                 reach *= 2
             low, high = min(last, here + reach), min(last, here + 2 * reach)
             while low < high:
                 middle = (low + high + 1) // 2
-                if self._is_shortcut(way, spent, here, middle):
+                if self._is_shortcut(way, spent, radii, here, middle):
                     low = middle
                 else:
                     high = middle - 1
@@ -226,10 +231,29 @@ class GridPlanner:
             corners.append(way[here])
         return corners
 
-    def _is_shortcut(self, way: Sequence[Position], spent: NDArray[numpy.float64], i: int, j: int) -> bool:
+    def _radii(self, begin: Position, cells: NDArray[numpy.int64], end: Position) -> NDArray[numpy.float64]:
+        """Of the circles, m, that a straight line past these places has room for: the robot's, and what is to spare."""
+        world, radius = self._costmap.world, self._costmap.inflation.robot_radius
+        first, last = (
+            self._costmap.clearance(*world.point(row - 0.5, column - 0.5), radius + 2.0 * SPARE)
+            for row, column in (begin, end)
+        )
+        between = numpy.sqrt(self._costmap.squares[cells[:, 0], cells[:, 1]]) * (world.resolution / 2.0)
+        room = numpy.concatenate([[first], between, [last]])
+        radii: NDArray[numpy.float64] = radius + numpy.clip((room - radius) / 2.0, 0.0, SPARE)
+        return radii
+
+    def _is_shortcut(
+        self,
+        way: Sequence[Position],
+        spent: NDArray[numpy.float64],
+        radii: NDArray[numpy.float64],
+        i: int,
+        j: int,
+    ) -> bool:
         mean = NEUTRAL_COST + COST_FACTOR * self._costmap.mean_cost(way[i], way[j])
         return math.dist(way[i], way[j]) * mean <= float(spent[j] - spent[i]) * 1.001 and self._costmap.is_clear(
-            way[i], way[j], self._costmap.inflation.robot_radius
+            way[i], way[j], float(radii[i : j + 1].min())
         )
 
 

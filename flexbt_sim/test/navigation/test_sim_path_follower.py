@@ -13,7 +13,7 @@ import pytest
 from closed_loop import FOLLOWER, MODEL, PERIOD, RADIUS, ROLLING, Run, assert_arrived, check_following, run
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sim_maps import drawn, free_places, worlds
+from sim_maps import drawn, free_places, room, worlds
 
 from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
@@ -27,7 +27,7 @@ from flexbt_sim.navigation import (
     planner_for,
 )
 from flexbt_sim.navigation.path_follower import END_OF_LEG, HELD_UP
-from flexbt_sim.world import MODELS, OccupancyMap, Pose, World, box, compose, wrap
+from flexbt_sim.world import MODELS, Circle, OccupancyMap, Pose, World, box, compose, wrap
 
 OPEN = drawn(*['.' * 160] * 120)
 WALL = drawn(*['.' * 80 + '##' + '.' * 78] * 120)
@@ -69,6 +69,20 @@ SLOT = drawn(*['.' * 60] * 40, *['#' * 25 + '.' * 10 + '#' * 25] * 20, *['.' * 6
 def test_it_gets_through_a_passage_with_three_centimetres_on_each_side(start: Pose, late: int) -> None:
     goal = Pose(1.0, 4.2, 1.0) if start.y < 2.5 else Pose(0.4, 0.4, 1.0)
     check_following(SLOT, start, goal, late)
+
+
+DOORWAY = drawn(*['.' * 80] * 30, *['#' * 30 + '.' * 20 + '#' * 30] * 3, *['.' * 80] * 30)
+"""From x = 1.5 to 2.5, y = 1.5 to 1.65."""
+
+
+def test_a_way_round_a_jamb_leaves_more_than_a_hair() -> None:
+    """The cells have room: a straight line that passed it by 0.3 mm could not be followed."""
+    start, goal = Pose(2.495452642902754, 1.2415973331427481, -0.9), Pose(2.8677533606488077, 1.8719388618978334, -2.0)
+    costmap = Costmap(DOORWAY, Inflation(0.105))
+    path = GridPlanner(costmap).plan(start, goal)
+    assert min(room(DOORWAY, pose.x, pose.y) for pose in path) > 0.11
+    burger = replace(MODEL, footprint=Circle(0.105))
+    assert_arrived(Run(DOORWAY, start, burger).go(PathFollower(path, costmap, FOLLOWER), late=1), goal)
 
 
 @pytest.mark.parametrize('spacing', [0.01, 0.3, 10.0])
