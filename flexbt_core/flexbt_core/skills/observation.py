@@ -108,13 +108,13 @@ class SkillMonitor:
             return [*found, f'it ended by {shown(outcome)}, of which its skill knows nothing']
         is_measured = told.kind is OutcomeClass.ANSWERED
         for effect in told.effects:
-            fact = self._facts.get(effect.atom)
-            if is_measured and fact is not None and not fact.is_measured and fact.holds is not effect.positive:
-                claim = f'{fact.path} ended by {shown(fact.outcome)}, after which {~effect} was to hold'
-                found.append(f'{claim}; it does not')
-            for atom in self._ended_by(effect):
-                self._facts[atom] = _Fact(False, path, outcome, is_measured)
-            self._facts[effect.atom] = _Fact(effect.positive, path, outcome, is_measured)
+            shows = dict.fromkeys(self._ended_by(effect), False) | {effect.atom: effect.positive}
+            for atom, holds in shows.items():
+                fact = self._facts.get(atom)
+                if is_measured and fact is not None and not fact.is_measured and fact.holds is not holds:
+                    claim = f'{fact.path} ended by {shown(fact.outcome)}, after which {~atom if holds else atom}'
+                    found.append(f'{claim} was to hold; it does not')
+                self._facts[atom] = _Fact(holds, path, outcome, is_measured)
         return [*found, *self._attempts(path, skill, told)]
 
     def _ended_by(self, effect: Literal) -> Iterator[Literal]:

@@ -30,6 +30,7 @@ SKILLS = {
     '/ToDoor': drive('door'),
     '/Grab': Skill.of(preconditions=['at(door)'], outcomes={'done': ['holding'], 'failed': 'failed'}),
     '/Drop': Skill.of(outcomes={'done': ['not holding']}),
+    '/Where': Skill.of(outcomes={'dock': Outcome.of('answered', 'at(dock)')}, predicates=[AT]),
     '/Look': Skill.of(
         outcomes={'true': Outcome.of('answered', 'holding'), 'false': Outcome.of('answered', 'not holding')}
     ),
@@ -67,6 +68,11 @@ def run(*steps: str) -> list[str]:
             ["/Look: /Drop ended by 'done', after which not holding was to hold; it does not"],
         ),
         (['/Look false', '/Look true'], []),  # the world has changed
+        (  # at one place at most
+            ['/ToDoor done', '/Where dock', '/Where dock'],
+            ["/Where: /ToDoor ended by 'done', after which at(door) was to hold; it does not"],
+        ),
+        (['/ToDoor done', '/ToDock done', '/Where dock'], []),
         (['/Grab done', '/Look false', '/Look true'], ["/Look: /Grab ended by 'done', after which holding was to hold; "
                                                        'it does not']),
         (['/Grab !done', '/Look false'], []),  # forced: nobody knows
