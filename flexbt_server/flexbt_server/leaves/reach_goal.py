@@ -209,7 +209,8 @@ class ReachGoal(ExpandingAction):
         why = str(self._board.get_or(FAILURE_ENTRY, ''))
         failed = failed_action(planned.problem, why)
         if failed is not None:
-            self._left_out[failed] = next(_reasons(self, failed), '')
+            told = self._left_out[failed] = excerpt(next(_reasons(self, failed), ''))
+            why += told and f': {told}'
         self._tried += 1
         if self._tried >= self.get_input('attempts'):
             return self.fail(f'gave up after {counted(self._tried, "attempt")}: {why}')
@@ -316,7 +317,7 @@ def _search(
     problem = replace(problem, actions=tuple(action for action in problem.actions if action.name not in left_out))
     found = plan(problem, time_limit=limit, clock=clock)
     if found.policy is None:
-        failed = (f'{name} (failed{why and f": {excerpt(why)}"})' for name, why in sorted(left_out.items()))
+        failed = (f'{name} (failed{why and f": {why}"})' for name, why in sorted(left_out.items()))
         without = f' without {", ".join(failed)}' if left_out else ''
         if found.outcome is Outcome.TIME_LIMIT:
             bound = '' if math.isinf(found.bound) else f'; none costs less than {found.bound:g}'

@@ -278,6 +278,9 @@ def test_an_action_that_failed_for_good_is_left_out(bench: Bench) -> None:
     assert tree.failure is not None
     assert tree.failure.reason.startswith('there is no plan without PickUpCup(kitchen) (failed: it jams): ')
     assert bench.world.done.count('PickUpCup') == 3  # its retries, and once only
+    tree = bench.tree('attempts="1"')
+    assert bench.run(tree) is FAILURE and tree.failure is not None
+    assert tree.failure.reason == 'gave up after 1 attempt: PickUpCup(kitchen) failed 3 times: it jams'
 
 
 def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
