@@ -96,7 +96,7 @@ class Bounds:
 _WIRED: Final = {
     MachineRun: frozenset(
         (
-            *('definition', 'clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
+            *('clock', 'observer', 'services', '_steady', '_exit_timeout', '_max_transitions'),
             *('_on_wake', '_stop_timeout', '_lock', 'monitor'),
         )
     ),

@@ -26,7 +26,8 @@ class HaltWait:
                 self._timer = self._steady.call_at(self._until, self._wake)
             if self._steady.now() < self._until:
                 return False
-        self.cancel()
+        if self._until is not None:
+            self.cancel()
         return True
 
     def cancel(self) -> None:

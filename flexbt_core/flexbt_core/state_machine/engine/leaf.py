@@ -128,8 +128,11 @@ class LeafRun:
         self._successor._host = self
 
     def move(self, scope: Scope) -> None:
-        """Have the userdata of another machine."""
-        self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
+        """Have the userdata of a machine, as it is now: what was read of it before is copied again."""
+        if self._userdata is not None and self._userdata._scope is scope:
+            self._userdata._copies.clear()
+        else:
+            self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
 
     def restore(self, scope: Scope, outcome: str) -> None:
         """Wait to be left by an outcome, as it did in the run that was interrupted. It is not entered for that."""

@@ -91,7 +91,6 @@ class MachineRun:
     ) -> None:
         if autonomy not in AUTONOMY_NAMES:
             raise StateMachineError(commands.no_level(autonomy))
-        self.definition = definition
         self.clock = clock
         self.observer: RunObserver = observer if observer is not None else LoggingObserver()
         self.monitor = monitor
@@ -201,6 +200,11 @@ class MachineRun:
         return checked if due is None else min(due, checked)
 
     # -- what the operator sees --------------------------------------------------------------------------------------
+
+    @property
+    def definition(self) -> MachineDefinition:
+        """The machine; another one after a switch."""
+        return self.root.definition
 
     def active_states(self) -> list[LeafRun]:
         """The states that are active."""
@@ -400,7 +404,7 @@ class MachineRun:
 
     def go_on_with(self, root: ContainerRun) -> None:
         """Have another machine, of which nothing was entered yet, in the place of this one."""
-        self.root, self.definition = root, root.definition
+        self.root = root
         self.controls.move_to(root.definition)
         self.pausing.release(ROOT_PATH)
         self.pausing.has_changed = True

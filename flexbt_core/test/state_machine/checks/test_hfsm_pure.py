@@ -6,6 +6,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
+from flexbt_testing.state_machines import Bench, Scripted, nested
+
+MOST_INLINE = 29
+"""Attributes that CPython keeps in the object itself; with more it has a dictionary, and each of them takes longer."""
+
 PROGRAM = """
 import sys, threading
 
@@ -51,3 +56,10 @@ def test_the_core_imports_no_ros_and_starts_no_thread() -> None:
     result = subprocess.run([sys.executable, '-c', PROGRAM], capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == 'ended'
+
+
+def test_what_each_step_asks_has_its_attributes_inline() -> None:
+    run = Bench(nested(Scripted(), 'Outer/Inner')).run
+    (leaf,) = run.active_states()
+    asked = [run, run.root, run.controls, leaf, leaf.clock, *run.regions()]
+    assert {type(one).__name__: len(vars(one)) for one in asked if len(vars(one)) > MOST_INLINE} == {}

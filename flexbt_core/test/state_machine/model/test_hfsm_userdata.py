@@ -186,6 +186,21 @@ def test_each_visit_of_a_machine_and_each_run_begins_with_its_defaults() -> None
         assert Bench(root).run.userdata() == {'items': [0]}
 
 
+def test_each_visit_of_a_state_has_copies_of_its_own() -> None:
+    def append(_: Scripted, userdata: UserData) -> str:
+        userdata.items.append(len(userdata.items))
+        seen.append(list(userdata.items))
+        return 'again' if len(seen) < 3 else 'done'
+
+    seen: list[Any] = []
+    state = Scripted('again', 'done', do={'execute': append}, input_keys=['items'])
+    bench = Bench(
+        machine(Child('One', state, {'again': 'One', 'done': 'ended'}), input_keys=['items']), userdata={'items': []}
+    )
+    assert seen == [[0]] * 3
+    assert bench.run.userdata() == {'items': []}
+
+
 def test_a_default_yields_to_what_is_around_the_machine() -> None:
     seen: list[Any] = []
     place = Child('One', reader('speed', seen), {'done': 'ended', 'failed': 'ended'})
