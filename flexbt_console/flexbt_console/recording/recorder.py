@@ -21,7 +21,7 @@ from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
 from flexbt_common.values import resolve_type
 
 from .definitions import full_definition
-from .run_file import RunWriter
+from .run_file import MOST_WAITING, RunWriter
 from .topics import TOPICS
 
 DISCOVERY_SECONDS: Final = 1.0
@@ -41,14 +41,14 @@ def declare_parameters(node: Node) -> Path:
 class Recorder:
     """Subscribes to the topics of a run and writes their messages as they come.
 
-    ``tell_ready`` gets True when everything is heard that is said from then on by those who are there, and False when
-    nothing is recorded any more.
+    ``tell_ready`` gets True when everything is recorded that is said from then on by those who are there, and False
+    when what is said waits for the disk, or is not recorded any more.
     """
 
     def __init__(self, runtime: NodeRuntime, writer: RunWriter, tell_ready: Callable[[bool], None]) -> None:
         self._runtime = runtime
         self._writer = writer
-        self._is_full = False
+        self._hears_all = self._waits = self._is_full = False
         node = runtime.node
         self._subscriptions = []
         for name, topic in TOPICS.items():
@@ -73,7 +73,22 @@ class Recorder:
         if unheard or self._consoles.tokens < consoles or self._runtime.steady.now() < self._begin + DISCOVERY_SECONDS:
             return
         self._readiness.cancel()
-        self._tell_ready(True)
+        self._hears_all = True
+        self._tell_ready(not self._waits)
+
+    def _look_at_file(self) -> None:
+        problem = self._writer.problem
+        if self._waits is (problem is not None):
+            return
+        self._waits = problem is not None
+        tell = self._runtime.node.get_logger()
+        if self._waits:
+            tell.error(
+                f'the recording cannot be written: {problem}; up to {MOST_WAITING // 10**6} MB wait for the disk'
+            )
+        else:
+            tell.info('the recording is written again, and lacks nothing')
+        self._tell_ready(self._hears_all and not self._waits)
 
     def _hear(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
         due, kept = -math.inf, TOPICS[topic]
@@ -91,6 +106,8 @@ class Recorder:
                 self._readiness.cancel()
                 self._tell_ready(False)
                 self._runtime.fail(f'nothing is recorded any more: {error}; what was is whole, but for its index')
+            else:
+                self._look_at_file()
 
         return on_message
 
@@ -116,7 +133,9 @@ def _close(writer: RunWriter, runtime: NodeRuntime) -> None:
     try:
         writer.close()
     except OSError as error:
-        runtime.fail(f'the recording has no index: {error}; `replay --recover NEW FILE` makes one')
+        runtime.fail(
+            f'the recording may lack its end, and has no index: {error}; `replay --recover NEW FILE` makes one'
+        )
 
 
 def main(args: list[str] | None = None) -> int:

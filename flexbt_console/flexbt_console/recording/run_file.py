@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
 
-A file that was not closed, or whose disk was full, ends after a whole record, and lacks the index that many readers
-need. :func:`recover_run` writes it anew with one, as ``mcap recover`` of MCAP's own tools does.
+What a full disk does not take waits until there is room. A file that was not closed, or for which there was none in the
+end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` writes it anew with one,
+as ``mcap recover`` of MCAP's own tools does.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import threading
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +25,9 @@ from flexbt_console.errors import UsageError
 
 CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
+
+MOST_WAITING: Final = 16_000_000
+"""Bytes that may wait for the disk, at most."""
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
@@ -49,8 +54,8 @@ class Recorded:
 class RunWriter:
     """Writes a file; may be used from several threads.
 
-    Raises OSError when the file cannot be made, or not be written any more: then it ends after the last record that
-    fits, has no index, and takes nothing more.
+    Raises OSError when the file cannot be made, when more than :data:`MOST_WAITING` bytes would wait for the disk, and
+    at its end when some do: then it ends after the last record that fits, has no index, and takes nothing more.
     """
 
     def __init__(self, file: Path) -> None:
@@ -77,6 +82,11 @@ class RunWriter:
         with self._lock:
             self._writer.add_message(self._channels[topic], heard, data, sent)
 
+    @property
+    def problem(self) -> OSError | None:
+        """Why what was written last waits; None when it does not."""
+        return self._stream.problem
+
     def close(self) -> None:
         """Write what is left, and the index."""
         with self._lock, contextlib.closing(self._stream):
@@ -84,36 +94,56 @@ class RunWriter:
 
 
 class _WholeWrites:
-    """A new file to which each write is made as a whole, or not at all; after a failure it takes no more.
+    """A new file to which each write is made as a whole, or not at all; what fails is made again with the next one.
 
-    Not a stream of the standard library: MCAP's writer would put a buffer of its own on a raw one, and never empty it.
+    ``problem`` is why there are writes that wait. Not a stream of the standard library: MCAP's writer would put a
+    buffer of its own on a raw one, and never empty it.
     """
 
     def __init__(self, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         self._file = file.open('xb', buffering=0)
         self._size = 0
-        self._failure: OSError | None = None
+        self._taken = 0  # bytes, with those that wait
+        self._waiting: deque[bytes] = deque()
+        self._refusal: OSError | None = None
+        self.problem: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        if self._failure is not None:
-            raise self._failure
+        if self._refusal is not None:  # for good: the index has the places of what is not there
+            raise self._refusal
+        self._waiting.append(data)
+        self._taken += len(data)
         try:
-            written = 0
-            while written < len(data):
-                written += self._file.write(data[written:])
+            self._write_waiting()
         except OSError as error:
-            self._failure = error
-            self._file.truncate(self._size)
-            raise
-        self._size += len(data)
+            if self._taken - self._size > MOST_WAITING:
+                self._refusal = error
+                raise
         return len(data)
 
     def tell(self) -> int:
-        return self._size
+        return self._taken
 
     def close(self) -> None:
-        self._file.close()
+        with self._file:
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        try:
+            while self._waiting:
+                data = self._waiting[0]
+                self._file.seek(self._size)
+                written = 0
+                while written < len(data):
+                    written += self._file.write(data[written:])
+                self._size += written
+                self._waiting.popleft()
+        except OSError as error:
+            self.problem = error
+            self._file.truncate(self._size)
+            raise
+        self.problem = None
 
 
 def recover_run(file: Path, whole: Path) -> int:

@@ -9,6 +9,7 @@ import os
 import resource
 import signal
 import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -207,16 +208,58 @@ def indexed(file: Path) -> list[tuple[str, bytes]]:
     return messages
 
 
-def test_a_disk_that_gets_full_ends_the_file_after_a_whole_record_and_the_process_says_so(
+FULL_DISK = """
+import random, resource, sys
+from pathlib import Path
+from flexbt_console.recording import run_file
+run_file.MOST_WAITING = 50_000
+def limit(most):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+def write(file, number):
+    limit(5000)
+    writer = run_file.RunWriter(file)
+    writer.add_topic('topic', '/topic', 'std_msgs/msg/String', 'string data')
+    try:
+        for at in range(number):
+            writer.add('topic', at.to_bytes(4, 'big') + random.randbytes(60), at, at)
+    finally:
+        assert writer.problem is not None
+        limit(resource.RLIM_INFINITY)
+        writer.close()
+write(Path(sys.argv[1]), 300)
+try:
+    write(Path(sys.argv[2]), 3000)
+except OSError:
+    print('more than may wait')
+"""
+
+
+def test_what_a_full_disk_does_not_take_waits_up_to_a_bound(tmp_path: Path) -> None:
+    room, full = tmp_path / 'room.mcap', tmp_path / 'full.mcap'
+    command = [sys.executable, '-c', FULL_DISK, str(room), str(full)]
+    told = subprocess.run(command, check=True, timeout=DEADLINE, env=os.environ, capture_output=True, text=True)
+    assert told.stdout == 'more than may wait\n'
+    assert [int.from_bytes(data[:4]) for _, data in indexed(room)] == list(range(300))
+    kept = [int.from_bytes(one.data[:4]) for one in read_run(full)]
+    assert kept == list(range(len(kept)))
+    assert 300 < len(kept) < 3000
+
+
+def test_a_disk_that_gets_full_is_waited_for_and_one_that_stays_so_ends_the_file_after_a_whole_record(
     executives: Any, tmp_path: Path
 ) -> None:
     executives('full', heartbeat=0.01)
     file, recovered = tmp_path / 'full.mcap', tmp_path / 'recovered.mcap'
     with station('full') as at, ready_recorder(at, file, 'full') as (process, token):
         wait_until(lambda: written(file), 'first messages')
-        size = file.stat().st_size + 2000
-        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, size))
-        wait_until(lambda: not token.ready, 'recorder not ready')
+        for is_last in (False, True):
+            size = file.stat().st_size + 2000
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+            wait_until(lambda: not token.ready, 'recorder not ready')
+            if not is_last:
+                everything = resource.RLIM_INFINITY, resource.RLIM_INFINITY
+                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, everything)
+                wait_until(lambda: token.ready, 'recorder ready again')
         process.send_signal(signal.SIGINT)
         assert process.wait(DEADLINE) == 1
     assert file.stat().st_size <= size

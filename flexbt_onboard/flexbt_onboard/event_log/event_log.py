@@ -114,8 +114,9 @@ class EventLog:
         """Write an event with plain values: texts, numbers, lists and mappings."""
         if self._file is None:
             return
-        entry = self._entry(event, fields)
+        stamp = round(seconds_of(self._clock.stamp()), 6)
         with self._changed:
+            entry = _entry(stamp, event, fields)  # here, so that the lines are in the order of their times
             if len(self._waiting) >= MOST_WAITING:
                 self._lost += 1
                 self._lacking += 1
@@ -131,15 +132,6 @@ class EventLog:
                 self._is_closed = True
                 self._changed.notify()
             self._thread.join(_CLOSE_SECONDS)
-
-    def _entry(self, event: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-        return {
-            'time': round(time.time(), 6),
-            'stamp': round(seconds_of(self._clock.stamp()), 6),
-            'steady': round(time.clock_gettime(time.CLOCK_BOOTTIME), 6),
-            'event': event,
-            **fields,
-        }
 
     def _note_lost(self, before: Mapping[str, Any]) -> None:
         if self._lost:
@@ -176,9 +168,9 @@ class EventLog:
                 f'the event log {self._file} cannot be written: {kind}{error}; up to {MOST_WAITING} events wait for it',
             )
             return False
-        now = self._entry('', {})
+        stamp = round(seconds_of(self._clock.stamp()), 6)
         with self._changed:
-            self._note_lost(now)
+            self._note_lost(_entry(stamp, '', {}))
             lacking, self._lacking = self._lacking, 0
         if lacking:
             self._on_problem(f'the event log {self._file} lacks {lacking} events: more than {MOST_WAITING} had to wait')
@@ -246,6 +238,11 @@ class EventLog:
         for age in range(oldest, 0, -1):
             rotated(self._file, age - 1).replace(rotated(self._file, age))
         rotated(self._file, self._files).unlink(missing_ok=True)
+
+
+def _entry(stamp: float, event: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    now, steady = time.time(), time.clock_gettime(time.CLOCK_BOOTTIME)  # together: their difference tells a step
+    return {'time': round(now, 6), 'stamp': stamp, 'steady': round(steady, 6), 'event': event, **fields}
 
 
 def _lost_event(number: int, before: Mapping[str, Any]) -> dict[str, Any]:
