@@ -70,7 +70,7 @@ def overview_row(manifest: NodeManifest) -> str:
     ports = ', '.join(
         f'→`{name}`' if port.direction is PortDirection.OUTPUT else f'`{name}`' for name, port in manifest.ports.items()
     )
-    summary = ' '.join(manifest.description.partition('\n\n')[0].replace('``', '`').split())
+    summary = ' '.join(manifest.documentation.partition('\n\n')[0].replace('``', '`').split())
     return f'| [{manifest.id}](#{manifest.id.lower()}) | {manifest.kind.value} | {ports} | {summary} |'
 
 
@@ -78,7 +78,7 @@ def section(manifest: NodeManifest) -> Iterator[str]:
     """What the page says of one node type."""
     yield f'### {manifest.id}'
     yield ''
-    yield manifest.description.replace('``', '`')
+    yield manifest.documentation.replace('``', '`')
     least, most = manifest.children
     if most != 0:
         number = f'{least}' if most == least else f'{least} or more' if most is None else f'{least} to {most}'

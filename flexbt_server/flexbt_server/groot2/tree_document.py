@@ -86,8 +86,8 @@ def model_lines(manifest: NodeManifest) -> Iterator[str]:
     """The model of a node type."""
     head = f'{manifest.kind.value} ID={xml_attribute(manifest.id)}'
     inner = [_port(name, port) for name, port in manifest.ports.items()]
-    if manifest.description:
-        text = xml_attribute(' '.join(manifest.description.split()))
+    if manifest.documentation:
+        text = xml_attribute(' '.join(manifest.documentation.split()))
         inner += ['<MetadataFields>', f'  <Metadata description={text}/>', '</MetadataFields>']
     if not inner:
         yield f'<{head}/>'

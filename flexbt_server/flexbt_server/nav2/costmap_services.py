@@ -98,7 +98,7 @@ class ClearCostmapAroundPose(_ClearCostmap):
 
 
 class IsPathValid(ServiceLeaf):
-    """Succeeds when no pose of ``path`` is in collision. Of the branches jazzy and kilted; main has ValidatePath.
+    """Succeeds when no pose of ``path`` is in collision; in main that is ValidatePath.
 
     ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy have no such
     fields, and whoever gives one of these ports is told that it has no effect.
@@ -128,7 +128,7 @@ class IsPathValid(ServiceLeaf):
 
 
 class ValidatePath(IsPathValid):
-    """Succeeds when no pose of ``path`` is in collision. Of the branch main of Nav2."""
+    """Succeeds when no pose of ``path`` is in collision."""
 
     __slots__ = ('_path',)
 
@@ -237,7 +237,7 @@ class _CostLeaf(ServiceLeaf):
 
 
 class CheckPoseOccupancy(_CostLeaf):
-    """Succeeds when the costmap has something at ``pose``. Of the branch main of Nav2."""
+    """Succeeds when the costmap has something at ``pose``."""
 
     __slots__ = ()
 
@@ -253,10 +253,7 @@ class CheckPoseOccupancy(_CostLeaf):
 
 
 class RemoveInCollisionGoals(_CostLeaf):
-    """Drops goals where the costmap has something, even all of them; they are SKIPPED in the statuses of waypoints.
-
-    Of the branch main of Nav2.
-    """
+    """Drops goals where the costmap has something, even all of them; they are SKIPPED in the statuses of waypoints."""
 
     __slots__ = ()
 

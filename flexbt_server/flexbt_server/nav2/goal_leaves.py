@@ -65,7 +65,7 @@ class RemovePassedGoals(PoseLeaf, SyncAction):
 
 
 class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
-    """Appends a pose to goals. Of the branch main of Nav2."""
+    """Appends a pose to goals."""
 
     __slots__ = ()
 
@@ -82,7 +82,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
 
 
 class GetNextFewGoals(PoseLeaf, SyncAction):
-    """Gives the first ``num_goals`` of goals. FAILURE when there is none. Of the branch main of Nav2."""
+    """Gives the first ``num_goals`` of goals. FAILURE when there is none."""
 
     __slots__ = ()
 
@@ -105,10 +105,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
 
 
 class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
-    """Gives the nodes of a route as goals, without a direction. FAILURE when it has none.
-
-    Of the branch main of Nav2.
-    """
+    """Gives the nodes of a route as goals, without a direction. FAILURE when it has none."""
 
     __slots__ = ()
 

@@ -299,7 +299,7 @@ class AssistedTeleop(RecoveryLeaf):
 
 
 class FollowObject(ActionLeaf):
-    """Follows an object, whose pose is a topic or a frame. Of the branch main of Nav2."""
+    """Follows an object, whose pose is a topic or a frame."""
 
     __slots__ = ()
 

@@ -131,7 +131,7 @@ class DistanceTraveled(PoseLeaf, Condition):
 
 
 class IsGoalNearby(PoseLeaf, Condition):
-    """SUCCESS when less than ``proximity_threshold`` of the path is left. Of the branch main of Nav2.
+    """SUCCESS when less than ``proximity_threshold`` of the path is left.
 
     What is left counts from the pose of the path that is nearest to the robot. FAILURE for a path without poses, and
     while it is not known where the robot is.
@@ -170,7 +170,7 @@ class IsGoalNearby(PoseLeaf, Condition):
 class IsWithinPathTrackingBounds(PoseLeaf, Condition):
     """SUCCESS as long as the robot is on its path within these bounds, and while nothing is known of it.
 
-    Of the branch main of Nav2. The signs of the bounds do not count.
+    The signs of the bounds do not count.
     """
 
     __slots__ = ()

@@ -89,7 +89,7 @@ class CancelComputeAndTrackRoute(CancelAction):
 
 
 class CancelFollowObject(CancelAction):
-    """Cancels all goals of follow_object. Of the branch main of Nav2."""
+    """Cancels all goals of follow_object."""
 
     __slots__ = ()
 
@@ -110,7 +110,7 @@ class ReinitializeGlobalLocalization(ServiceLeaf):
 
 
 class ToggleCollisionMonitor(ServiceLeaf):
-    """Switches the collision monitor on or off. Of the branch main of Nav2."""
+    """Switches the collision monitor on or off."""
 
     __slots__ = ()
 

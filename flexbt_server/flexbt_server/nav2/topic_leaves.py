@@ -80,7 +80,7 @@ class IsBatteryCharging(TopicCondition):
 class CheckStopStatus(StatefulAction):
     """SUCCESS when the robot has stood still for ``duration_stopped``; FAILURE when it moves.
 
-    RUNNING in between. FAILURE also while nothing is known of its motion. Of the branch main of Nav2.
+    RUNNING in between. FAILURE also while nothing is known of its motion.
     """
 
     __slots__ = ('_cache', '_since')
@@ -250,7 +250,7 @@ class ProgressCheckerSelector(_Selector):
 
 
 class PathHandlerSelector(_Selector):
-    """Selects the path handler for FollowPath. Of the branch main of Nav2."""
+    """Selects the path handler for FollowPath."""
 
     __slots__ = ()
 

@@ -220,12 +220,12 @@ def test_the_branches_have_so_many_node_types() -> None:
 
 def test_what_only_one_branch_has_says_so() -> None:
     for registry in REGISTRIES.values():
-        of_both = {id for others in registry.variants.values() for id in others}  # each has a class of its own
         for id, node in FACTS.items():
             manifest = registry.get(id)
             assert manifest is not None
-            if id not in of_both:
-                assert manifest.variant == (node.branches[0] if len(node.branches) == 1 else ''), id
+            only = node.branches[0] if len(node.branches) == 1 else ''
+            assert manifest.variant == only, id
+            assert (f' (Nav2 {only} only)' in manifest.documentation) == bool(only), id
             # The message of an error is a port of every action here.
             told = {name: port.variant for name, port in manifest.ports.items() if port.variant}
             assert told == {

@@ -118,8 +118,8 @@ def _open_element(name: str, *, children: bool) -> Iterator[str]:
 
 def _node_type(manifest: NodeManifest) -> Iterator[str]:
     yield f'  <xs:complexType name={xml_attribute(f"{manifest.id}_node")}>'
-    if manifest.description:
-        yield from _documentation(manifest.description, '    ')
+    if manifest.documentation:
+        yield from _documentation(manifest.documentation, '    ')
     least, most = manifest.children
     if most != 0:
         bound = 'unbounded' if most is None else most

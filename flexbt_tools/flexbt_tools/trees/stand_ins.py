@@ -147,8 +147,7 @@ class OpenRegistry(NodeRegistry):
         super().__init__()
         self.scripts = known.scripts
         self.variants, self.variant_of = known.variants, known.variant_of
-        for manifest in known:
-            self.register(manifest.id, manifest.node_class)
+        self._manifests.update((manifest.id, manifest) for manifest in known)
 
     def get(self, id: str) -> NodeManifest | None:
         known = super().get(id)

@@ -59,7 +59,9 @@ class NodeRegistry:
         """
         return self._register(id, node_class, self._manifests)
 
-    def _register(self, id: str, node_class: type[TreeNode], manifests: dict[str, NodeManifest]) -> NodeManifest:
+    def _register(
+        self, id: str, node_class: type[TreeNode], manifests: dict[str, NodeManifest], only: str = ''
+    ) -> NodeManifest:
         if id in manifests:
             taken = manifests[id].node_class
             error = RegistrationError(
@@ -94,6 +96,7 @@ class NodeRegistry:
             dict(node_class.ports),
             _children_bounds(node_class),
             inspect.getdoc(node_class) or '',
+            only,
         )
         manifests[id] = manifest
         return manifest
@@ -103,11 +106,12 @@ class NodeRegistry:
         for node_class in node_classes:
             self.register_class(node_class)
 
-    def register_class(self, node_class: type[TreeNode], variant: str = '') -> None:
-        """Makes a class known under the name that it declares, in one variant only if that is given. Raises
-        RegistrationError, as :meth:`register` does."""
+    def register_class(self, node_class: type[TreeNode], variant: str = '', *, only: str = '') -> None:
+        """Makes a class known under the name that it declares; in one ``variant`` if that is given, where the ID means
+        something else. ``only`` is the variant that alone has such nodes. Raises RegistrationError, as :meth:`register`
+        does."""
         manifests = self.variants.setdefault(variant, {}) if variant else self._manifests
-        self._register(declared_id(node_class), node_class, manifests)
+        self._register(declared_id(node_class), node_class, manifests, only)
 
     def types_for(self, elements: Elements) -> NodeRegistry | VariantTypes:
         """The node types of a file that has these elements."""

@@ -11,7 +11,7 @@ from .blackboard import Blackboard
 from .errors import LoadError
 from .example import Example
 from .outcomes import Outcomes
-from .ports import Port, PortDirection, PortValue
+from .ports import Port, PortDirection, PortValue, with_variant
 from .source import Source
 from .status import NodeKind
 
@@ -29,6 +29,14 @@ class NodeManifest:
     ports: Mapping[str, Port]
     children: tuple[int, int | None]
     description: str
+    variant: str = ''
+    """The variant of files (see ``NodeRegistry``) that alone has such nodes; '' if all have them."""
+
+    @property
+    def documentation(self) -> str:
+        """The description, whose first paragraph tells the branch of Nav2 that alone has such nodes."""
+        summary, *rest = self.description.split('\n\n')
+        return '\n\n'.join((with_variant(summary, self.variant), *rest))
 
     @property
     def example(self) -> Example | None:
@@ -41,12 +49,6 @@ class NodeManifest:
         """The rule that just this class declares: one that derives from it may do something else."""
         outcomes: Outcomes | None = vars(self.node_class).get('outcomes')
         return outcomes
-
-    @property
-    def variant(self) -> str:
-        """The variant that just this class is of (see ``NodeRegistry``); '' if it is of all."""
-        variant = vars(self.node_class).get('variant', '')
-        return variant if isinstance(variant, str) else ''  # the attribute of somebody's class may be something else
 
 
 class RunnableScript(Protocol):

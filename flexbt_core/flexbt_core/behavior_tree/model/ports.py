@@ -25,6 +25,11 @@ class _NoDefault(Enum):
 NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
 
 
+def with_variant(text: str, variant: str) -> str:
+    """The text, and the branch of Nav2 that alone has what it describes; '' if all have it."""
+    return f'{text} (Nav2 {variant} only)'.lstrip() if variant else text
+
+
 @dataclass(frozen=True, slots=True)
 class Port:
     """A port of a node class.
@@ -46,8 +51,8 @@ class Port:
 
     @property
     def documentation(self) -> str:
-        """The description, and what alone has the port."""
-        return f'{self.description}; of {self.variant}' if self.variant else self.description
+        """The description, and the branch of Nav2 that alone has the port."""
+        return with_variant(self.description, self.variant)
 
     @property
     def readable(self) -> bool:

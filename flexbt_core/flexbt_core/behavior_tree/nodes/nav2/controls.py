@@ -157,7 +157,10 @@ class RoundRobin(Control):
 
     ports = {
         'wrap_around': input_port(
-            BOOL, default='true', description='whether the first child follows the last', variant='main'
+            BOOL,
+            default='true',
+            description='whether the first child follows the last; by default so in jazzy, not in main',
+            variant='main',
         )
     }
     example = Example(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The branches of Nav2 whose nodes differ, and how a file shows of which it is.
 
-Which branch alone has a node or a port is said where that is declared: ``variant`` of its class, or of the port.
+A class says for which branch it is, and a port which branch alone has it: ``variant``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final, Literal, get_args
 from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode, declared_id
 
 Dialect = Literal['jazzy', 'main']
-"""Branches of Nav2 whose nodes differ. Nodes and ports that only one has are there in both dialects."""
+"""A branch of Nav2 whose nodes differ from the other's. Nodes and ports that only one has are known in both."""
 
 DIALECTS: Final[tuple[Dialect, ...]] = get_args(Dialect)
 
@@ -64,8 +64,7 @@ class _DialectOf:
             elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
                 named = 'main'
             elif (manifest := self._registry.get(id)) is not None:
-                if not any(id in others for others in self._registry.variants.values()):
-                    told.add(manifest.variant)
+                told.add(manifest.variant)
                 if id in self.nodes:
                     told.update(manifest.ports[name].variant for name in attributes.keys() & manifest.ports.keys())
         told &= {*DIALECTS}
@@ -77,14 +76,16 @@ class _DialectOf:
 def register_dialects(registry: NodeRegistry, node_classes: Collection[type[TreeNode]], dialect: Dialect) -> None:
     """Makes node classes known as they are in ``dialect``, and for files of another branch as they are there.
 
-    A class that is one in a single branch names it, as ``variant``. Where the other branch has none of that name, it is
-    known in both, and a file that uses it shows its branch.
+    Of two classes of one name each is for the branch that it names, as ``variant``. One that is alone is known in both,
+    and if it names a branch, a file that uses it shows that.
     """
     if not isinstance(registry.variant_of, _DialectOf):
         registry.variant_of = _DialectOf(registry)
     classes = Counter(map(declared_id, node_classes))
     registry.variant_of.nodes.update(classes)
     for node_class in node_classes:
-        branch = vars(node_class).get('variant', dialect)
-        is_other = branch != dialect and classes[declared_id(node_class)] > 1
-        registry.register_class(node_class, variant=branch if is_other else '')
+        branch = vars(node_class).get('variant', '')
+        if classes[declared_id(node_class)] == 1:
+            registry.register_class(node_class, only=branch)
+        else:
+            registry.register_class(node_class, '' if branch == dialect else branch)

@@ -60,10 +60,7 @@ class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
 
 
 class WouldARouteRecoveryHelp(AreErrorCodesPresent):
-    """SUCCESS when no route was found for a reason that a recovery may remove: UNKNOWN, TIMEOUT, NO_VALID_ROUTE.
-
-    Of the branch main of Nav2.
-    """
+    """SUCCESS when no route was found for a reason that a recovery may remove: UNKNOWN, TIMEOUT, NO_VALID_ROUTE."""
 
     __slots__ = ()
 

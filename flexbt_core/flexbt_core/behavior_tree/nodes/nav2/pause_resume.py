@@ -29,7 +29,6 @@ class PauseResumeController(Control):
 
     A request halts the child that runs. The result of the first child is that of the node (skipped counts as SUCCESS);
     that of the others only takes it on, but a FAILURE of any is the node's. Children after the first may be left out.
-    Of the branch main of Nav2.
     """
 
     # The host derives from this class, and calls pause and resume for requests to the services that the ports name.

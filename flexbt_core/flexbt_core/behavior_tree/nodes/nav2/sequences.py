@@ -22,7 +22,7 @@ class NonblockingSequence(Control):
     """Ticks all its children at every tick. SUCCESS when all succeed in one tick; FAILURE as soon as one fails.
 
     Children that have succeeded are ticked again, without a reset, while others are RUNNING. A child that is skipped is
-    an error. Of the branch main of Nav2.
+    an error.
     """
 
     __slots__ = ()
@@ -56,7 +56,7 @@ class PersistentSequence(Control):
     """A Sequence that keeps its position on the blackboard, so that a halt, and even another run, goes on from there.
 
     SUCCESS and SKIPPED of a child advance ``current_child_idx``; the end and a FAILURE set it to 0. The entry has to be
-    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``. Of the branch main of Nav2.
+    there before the first tick, such as by ``<Script code="current_child_idx := 0"/>``.
     """
 
     __slots__ = ()
