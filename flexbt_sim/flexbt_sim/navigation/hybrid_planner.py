@@ -33,7 +33,7 @@ MOST_STATES: Final = 200_000
 """After so many the search is given up: some seconds."""
 
 MOST_INTERPRETED: Final = 10_000
-"""The same where nothing is compiled: half a minute."""
+"""The same where nothing is compiled: six seconds."""
 
 MOST_DISCS: Final = 20
 """By which a robot is looked at first, before its outline is."""
