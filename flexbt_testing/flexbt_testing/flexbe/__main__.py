@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbt_testing.nodes import state_bench
+from flexbt_testing.nodes.state_bench import StateBench
 
 from .state_test_file import StateTestError, read_state_test
 from .state_test_run import SECONDS, run_state_test
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     failed = 0
     for file in given.files:
-        bench = state_bench.StateBench()
+        bench = StateBench()
         try:
             problems = run_state_test(read_state_test(file), bench, given.timeout)
         except StateTestError as error:

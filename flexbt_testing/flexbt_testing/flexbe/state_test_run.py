@@ -14,7 +14,7 @@ from flexbt_flexbe import shim
 from flexbt_flexbe.api import Behavior
 from flexbt_flexbe.behaviors import without_harmless_faults
 from flexbt_onboard.behaviors import current_run
-from flexbt_testing.nodes import state_bench
+from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
 
 from .state_test_file import StateTest, StateTestError
@@ -23,7 +23,7 @@ SECONDS: Final = 10.0
 """How long what is tested may run."""
 
 
-def run_state_test(test: StateTest, bench: state_bench.StateBench, seconds: float = SECONDS) -> list[str]:
+def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:
     """Run a test; what is wrong, nothing when it passes.
 
     A state is a machine of its own. A behavior runs as FlexBE's unsupervised ones: transitions are taken whatever
@@ -101,7 +101,7 @@ def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableState
     return machine
 
 
-def _has_ended(run: state_bench.Run) -> bool:
+def _has_ended(run: Run) -> bool:
     for decision in run.decisions():
         if decision.kind is DecisionKind.TRANSITION:
             run.behavior_run.confirm(decision.id, lambda _: None)

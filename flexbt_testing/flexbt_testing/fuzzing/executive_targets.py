@@ -20,7 +20,7 @@ from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.commands import COMMAND_LENGTHS
 from flexbt_onboard.durability import RunJournal, encode_head, encode_line
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_testing.nodes import executive_bench
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 
 from .fuzzer import Target
 
@@ -77,7 +77,7 @@ class CommandTarget(Target):
     words = tuple(COMMAND_WORDS)
 
     def __init__(self) -> None:
-        self._bench = executive_bench.ExecutiveBench(executive_bench.behavior_of(machine))
+        self._bench = ExecutiveBench(behavior_of(machine))
         self._numbers = itertools.count(1)
 
     def seeds(self) -> list[str]:

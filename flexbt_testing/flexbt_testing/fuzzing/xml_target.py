@@ -28,7 +28,8 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.clock import ManualClock
 from flexbt_server.node_types import node_registry
-from flexbt_testing.behavior_trees import bt_tool, hostile_xml
+from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
+from flexbt_testing.behavior_trees.hostile_xml import ACCEPTED, CORPUS
 from flexbt_testing.random_trees import nodes, scripts
 from flexbt_tools.tree_checks import findings
 
@@ -72,10 +73,10 @@ def _registry() -> NodeRegistry:
 
 
 def _seeds() -> list[str]:
-    texts = [file.read_text() for file in bt_tool.STOCK_TREES]
+    texts = [file.read_text() for file in STOCK_TREES]
     texts += [nodes.make_case(seed)['xml'] for seed in range(40)]
     texts += [scripts.make_case(seed)['xml'] for seed in range(40)]
-    hostile = [content for content, _ in hostile_xml.CORPUS.values()] + list(hostile_xml.ACCEPTED.values())
+    hostile = [content for content, _ in CORPUS.values()] + list(ACCEPTED.values())
     texts += [content.decode('utf-8', 'replace') for content in hostile if len(content) < 5000]
     return texts
 

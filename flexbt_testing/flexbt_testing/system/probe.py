@@ -18,13 +18,13 @@ from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import to_entry
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, PendingDecision
 
-from ..nodes import operator
+from ..nodes.operator import Operator
 from ..waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
 
 T = TypeVar('T')
 
 
-class Probe(operator.Operator):
+class Probe(Operator):
     """An operator who sees the robot's pose too, and sends goals to its servers."""
 
     def __init__(self, runtime: NodeRuntime) -> None:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's ``flexbe_testing.py_tester``, by flexbt_testing, which is not installed where nothing is tested."""
+"""FlexBE's ``flexbe_testing.py_tester``, by flexbt_testing, which is not installed where nothing is tested.
+
+No other module of a package that a robot has imports flexbt_testing; the linter does not see this one.
+"""
 
 from importlib import import_module
 
