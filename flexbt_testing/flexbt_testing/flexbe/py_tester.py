@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from ament_index_python.packages import get_package_share_directory
 
-from flexbt_testing.nodes import state_bench
+from flexbt_testing.nodes.state_bench import StateBench
 
 from .state_test_file import StateTestError, read_state_test
 from .state_test_run import SECONDS, run_state_test
@@ -18,15 +18,15 @@ from .state_test_run import SECONDS, run_state_test
 class PyTester(unittest.TestCase):
     """Derive from it, name the package and the folder of the files in its share, and call :meth:`run_test`::
 
-    class TestStates(PyTester):
-        @classmethod
-        def setUpClass(cls):
-            PyTester._package = 'my_flexbe_states'
-            PyTester._tests_folder = 'tests'
-            super().setUpClass()
+        class TestStates(PyTester):
+            @classmethod
+            def setUpClass(cls):
+                PyTester._package = 'my_flexbe_states'
+                PyTester._tests_folder = 'tests'
+                super().setUpClass()
 
-        def test_wait(self):
-            self.run_test('wait')
+            def test_wait(self):
+                self.run_test('wait')
     """
 
     _package: ClassVar[str | None] = None
@@ -50,7 +50,7 @@ class PyTester(unittest.TestCase):
 
     def setUp(self) -> None:
         """Makes a node."""
-        self._bench = state_bench.StateBench()
+        self._bench = StateBench()
         self.addCleanup(self._bench.close)
         self.node: Any = self._bench.runtime.node
 
