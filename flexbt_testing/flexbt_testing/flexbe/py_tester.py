@@ -16,7 +16,9 @@ from .state_test_run import SECONDS, run_state_test
 
 
 class PyTester(unittest.TestCase):
-    """Derive from it, name the package and the folder of the files in its share, and call :meth:`run_test`::
+    """A case runs ``.test`` files: derive from it, and call :meth:`run_test`.
+
+    Name the package, and the folder of the files in its share::
 
         class TestStates(PyTester):
             @classmethod

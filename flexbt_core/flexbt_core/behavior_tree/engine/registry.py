@@ -35,8 +35,9 @@ Elements = Iterable[tuple[str, Mapping[str, str]]]
 class NodeRegistry:
     """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``.
 
-    A file may be written for a variant, in which some IDs mean other node types. ``variant_of`` says for which, by the
-    elements of the file; None and a variant of which nothing is known are the types as they are registered.
+    A file may be written for a variant, a branch of Nav2, in which some IDs mean other node types. ``variant_of`` says
+    for which, by the elements of the file; None and a variant of which nothing is known are the types as they are
+    registered.
     """
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The registration of the nodes of Nav2 that need no ROS, in both dialects."""
+"""The registration of the nodes of Nav2 that need no ROS, of both branches."""
 
 from __future__ import annotations
 
