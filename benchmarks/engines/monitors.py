@@ -26,8 +26,7 @@ import _monitored_nodes
 from _figures import write_figures
 from _hfsm_subjects import Subject
 
-from flexbt_core.behavior_tree import Tree, TreeLibrary, builtin_registry, load_xml
-from flexbt_core.behavior_tree.observers import StatusLog
+from flexbt_core.behavior_tree import StatusLog, Tree, TreeLibrary, builtin_registry, load_xml
 from flexbt_core.clock import ManualClock
 from flexbt_core.monitors import Monitoring, TreeMonitor
 from flexbt_core.skills import Skill

@@ -8,10 +8,11 @@ from .generic import (
     ExecuteBehaviorState,
     LogKeyState,
     LogState,
+    OperatorDecisionState,
+    OperatorInputState,
     WaitForServersState,
     WaitState,
 )
-from .operator import OperatorDecisionState, OperatorInputState
 from .topics import PublishOnceState, SubscribeOnceState, SubscriberState
 
 BtLoadState = BtLoaderState

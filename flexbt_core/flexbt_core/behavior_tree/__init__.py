@@ -96,8 +96,8 @@ from flexbt_core.behavior_tree.model import (
 )
 from flexbt_core.behavior_tree.node_skills import node_skill, node_skills
 from flexbt_core.behavior_tree.nodes import Loop, builtin_registry
-from flexbt_core.behavior_tree.observers import Log, LogReader, StatusLog, log_reader
 from flexbt_core.behavior_tree.script import ScriptLibrary
+from flexbt_core.behavior_tree.status_log import Log, LogReader, StatusLog, log_reader
 from flexbt_core.behavior_tree.xml import IncludeResolver, load_xml
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from flexbt_core.behavior_tree.observers import Log
+from flexbt_core.behavior_tree import Log
 
 
 class LogBuffer:

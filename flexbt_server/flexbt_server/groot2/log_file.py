@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError
+from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError, log_reader
 from flexbt_core.behavior_tree.engine import node_path
 from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.observers import log_reader
 from flexbt_core.behavior_tree.xml import Element, parse
 
 from . import protocol

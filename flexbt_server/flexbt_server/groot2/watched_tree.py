@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import msgpack
 
-from flexbt_core.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, show_blackboard
-from flexbt_core.behavior_tree.observers import log_reader
+from flexbt_core.behavior_tree import Blackboard, JsonTypes, Tree, TreeNode, log_reader, show_blackboard
 
 from . import protocol
 from .breakpoints import Breakpoints

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_core.behavior_tree import Tree
-from flexbt_core.behavior_tree.observers import Log
+from flexbt_core.behavior_tree import Log, Tree
 from flexbt_server.groot2 import TeeLog
 
 from .tree_observer import TreeObserver

@@ -14,8 +14,7 @@ from typing import Any, Final
 
 from rclpy.serialization import serialize_message
 
-from flexbt_core.behavior_tree import TreeNode
-from flexbt_core.behavior_tree.observers import log_reader
+from flexbt_core.behavior_tree import TreeNode, log_reader
 from flexbt_msgs import msg
 
 _MOST_REMEMBERED: Final = 20_000

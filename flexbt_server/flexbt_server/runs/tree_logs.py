@@ -14,8 +14,7 @@ from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.behavior_tree import NodeStatus, Tree
-from flexbt_core.behavior_tree.observers import log_reader
+from flexbt_core.behavior_tree import NodeStatus, Tree, log_reader
 from flexbt_server.groot2 import LogBuffer
 
 from .run_watchers import RunWatch

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from flexbt_core.behavior_tree import Tree
-from flexbt_core.behavior_tree.observers import Log
+from flexbt_core.behavior_tree import Log, Tree
 
 
 class TreeObserver(Protocol):

@@ -18,6 +18,7 @@ from flexbt_core.behavior_tree import (
     BehaviorTreeError,
     Blackboard,
     NodeStatus,
+    StatusLog,
     TickAbandoned,
     TickCommand,
     TickControl,
@@ -25,7 +26,6 @@ from flexbt_core.behavior_tree import (
     TreeKey,
     TreeLibrary,
 )
-from flexbt_core.behavior_tree.observers import StatusLog
 from flexbt_core.clock import Clock, WakeEvent
 from flexbt_core.monitors import Findings, Monitoring, TreeMonitor, Violation, told
 from flexbt_msgs.action import BtExecute

@@ -12,8 +12,8 @@ from typing import Any, Final, TypeVar
 
 from flexbt_core.behavior_tree.engine import Conditions
 from flexbt_core.behavior_tree.model import acceleration_seam
-from flexbt_core.behavior_tree.observers import LogReader
 from flexbt_core.behavior_tree.script import BoundScript, CompiledScript
+from flexbt_core.behavior_tree.status_log import LogReader
 
 from .compact_log import CompactLogReader
 from .node_classes import class_for, fit, logging_class

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 
 from flexbt_core.behavior_tree.engine import TreeNode
 from flexbt_core.behavior_tree.model import NodeKind, NodeStatus
-from flexbt_core.behavior_tree.observers import PLACES, SHIFT, LogReader
+from flexbt_core.behavior_tree.status_log import PLACES, SHIFT, LogReader
 
 # The places of marks in the tuple of a node. At the number of a status: the node has it now.
 CHILDREN_IDLE: Final = 5

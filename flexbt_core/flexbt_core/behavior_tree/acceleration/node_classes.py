@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine import Conditions, TreeNode, kept_by_class
-from flexbt_core.behavior_tree.observers import StatusLog
+from flexbt_core.behavior_tree.status_log import StatusLog
 
 from .compact_log import marks_of
 from .inlining import inlined_methods
