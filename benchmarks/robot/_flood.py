@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Floods a topic or a service: so many messages or requests a second, as they are when nothing is filled in.
 
-Usage: python3 _flood.py NAME TYPE RATE    (TYPE as in the graph: std_msgs/msg/Bool)
+Usage: python3 _flood.py topic|service NAME TYPE RATE PARENT    (TYPE as in the graph: std_msgs/msg/Bool; PARENT: the
+                                                                process with which it ends)
 """
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -24,18 +27,19 @@ from flexbt_common import names
 from flexbt_common.liveness import LEASE_SECONDS
 
 TURN_SECONDS: Final = 0.01
+PR_SET_PDEATHSIG: Final = 1  # prctl(2)
 
 
-def main(name: str, type_name: str, rate: float) -> None:
+def main(what: str, name: str, type_name: str, rate: float, parent: int) -> None:
     """Until the end of who has started it. A line on standard output says that it has begun."""
-    parent = os.getppid()
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        return
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('flooder')
-    package, kind, base = type_name.split('/')
-    module = importlib.import_module(f'{package}.{kind}')
-    send = _messages(node, name, getattr(module, base)) if kind == 'msg' else _requests(node, name, module, base)
+    send = _messages(node, name, type_name) if what == 'topic' else _requests(node, name, type_name)
     sent, began = 0, time.monotonic()
-    while os.getppid() == parent:
+    while True:
         while sent < (time.monotonic() - began) * rate:
             send()
             sent += 1
@@ -44,7 +48,16 @@ def main(name: str, type_name: str, rate: float) -> None:
         time.sleep(TURN_SECONDS)
 
 
-def _messages(node: Node, topic: str, message_type: Any) -> Callable[[], object]:
+def _type_of(type_name: str, suffix: str = '') -> tuple[Any, str]:
+    """A type, and which part of an action it is, if it is one: of what this has an own name with a suffix."""
+    package, kind, base = type_name.split('/')
+    module = importlib.import_module(f'{package}.{kind}')
+    action, _, part = base.rpartition('_')
+    return getattr(getattr(module, action).Impl, f'{part}{suffix}') if action else getattr(module, base), part
+
+
+def _messages(node: Node, topic: str, type_name: str) -> Callable[[], object]:
+    message_type, _ = _type_of(type_name)
     profile = names.latched(100)
     if topic.endswith('/alive'):
         profile.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
@@ -56,9 +69,8 @@ def _messages(node: Node, topic: str, message_type: Any) -> Callable[[], object]
     return lambda: publisher.publish(message)
 
 
-def _requests(node: Node, service: str, module: Any, base: str) -> Callable[[], object]:
-    action, _, part = base.rpartition('_')
-    service_type = getattr(getattr(module, action).Impl, f'{part}Service') if action else getattr(module, base)
+def _requests(node: Node, service: str, type_name: str) -> Callable[[], object]:
+    service_type, part = _type_of(type_name, 'Service')
     client = node.create_client(service_type, service)
     client.wait_for_service()
     request = service_type.Request()
@@ -72,4 +84,4 @@ def _requests(node: Node, service: str, module: Any, base: str) -> Callable[[], 
 
 
 if __name__ == '__main__':
-    main(sys.argv[1], sys.argv[2], float(sys.argv[3]))
+    main(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]), int(sys.argv[5]))

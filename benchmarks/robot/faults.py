@@ -25,6 +25,7 @@ import io
 import math
 import os
 import random
+import select
 import signal
 import subprocess
 import sys
@@ -32,7 +33,7 @@ import tempfile
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from _figures import write_figures
 from domain_coordinator import domain_id
@@ -52,6 +53,9 @@ FLOOD_RATE: Final = 5000.0
 FLOOD_SECONDS: Final = 10.0
 FLOOD_STOP_SECONDS: Final = 4.0
 """Messages a second, for so long, and when the operator stops the run meanwhile."""
+
+BEGIN_SECONDS: Final = 30.0
+"""For so long a flood may take to begin."""
 
 STATES: Final = {
     getattr(ExecutiveStatus, name): name
@@ -137,7 +141,8 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: 
 
 
 def flooded(texts: list[str]) -> list[tuple[str, str]]:
-    """Topics, services and parts of actions with one of these texts in the name, and their types, of a robot."""
+    """Topics, services and parts of actions with one of these texts in the name, of a robot; and what each is, with its
+    type."""
     found: set[tuple[str, str]] = set()
     with (
         tempfile.TemporaryDirectory() as directory,
@@ -148,9 +153,13 @@ def flooded(texts: list[str]) -> list[tuple[str, str]]:
         stack.start_all()
         Probe(runtime).wait_ready()
         node = runtime.node
-        for ask in (node.get_subscriber_names_and_types_by_node, node.get_service_names_and_types_by_node):
+        asked = {
+            'topic': node.get_subscriber_names_and_types_by_node,
+            'service': node.get_service_names_and_types_by_node,
+        }
+        for what, ask in asked.items():
             for process in THREADS:
-                found |= {(name, kinds[0]) for name, kinds in runtime.call(partial(ask, process, '/'))}
+                found |= {(name, f'{what} {types[0]}') for name, types in runtime.call(partial(ask, process, '/'))}
     return sorted((name, kind) for name, kind in found if any(text in name for text in texts))
 
 
@@ -165,18 +174,27 @@ def memory(stack: Stack) -> dict[str, int]:
 
 
 def flood(stack: Stack, probe: Probe, name: str, kind: str) -> dict[str, Any]:
-    """One drive that is stopped while something is flooded."""
+    """One drive that is stopped while something is flooded; ``kind`` says what that is, and has its type."""
     probe.drive_to(*PLACES[0])
     before, told = memory(stack), len(probe.logs)
-    words = [sys.executable, str(Path(__file__).with_name('_flood.py')), name, kind, str(FLOOD_RATE)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as flooder:
+    what, type_name = kind.split()
+    script = str(Path(__file__).with_name('_flood.py'))
+    words = [sys.executable, script, what, name, type_name, str(FLOOD_RATE), str(os.getpid())]
+    with (
+        tempfile.TemporaryFile('w+') as said,
+        subprocess.Popen(words, stdout=subprocess.PIPE, stderr=said) as flooder,
+    ):
         try:
-            assert flooder.stdout is not None and flooder.stdout.readline()
+            assert flooder.stdout is not None
+            if not (select.select([flooder.stdout], [], [], BEGIN_SECONDS)[0] and flooder.stdout.readline()):
+                return unflooded(name, f'has not begun within {BEGIN_SECONDS:g} s', said)
             time.sleep(FLOOD_STOP_SECONDS)
             there, state = probe.pose, STATES[probe.status.state]
             probe.send(ExecutiveCommand.STOP)
             time.sleep(FLOOD_SECONDS - FLOOD_STOP_SECONDS)
             rest, moved, after = probe.pose, probe.moved_stamp, memory(stack)
+            if flooder.poll() is not None:
+                return unflooded(name, f'has ended with {flooder.returncode}', said)
         finally:
             flooder.kill()
     assert there is not None and rest is not None
@@ -196,6 +214,13 @@ def flood(stack: Stack, probe: Probe, name: str, kind: str) -> dict[str, Any]:
         'run': f'{state}, {STATES[probe.status.state]} {probe.status.outcome}; {grown} MB; ready after {ready:.1f} s; '
         f'{texts}',
     }
+
+
+def unflooded(name: str, why: str, said: TextIO) -> dict[str, Any]:
+    """The row of a trial in which nothing was flooded to the end, which so has failed; with what the flooder said."""
+    said.seek(0)
+    run = f'the flood {why}: {said.read().strip()[-1000:]}'
+    return {'fault': 'flood', 'process': name, 'metres': 0.0, 'seconds': FLOOD_SECONDS, 'run': run}
 
 
 def line(row: dict[str, Any]) -> str:
