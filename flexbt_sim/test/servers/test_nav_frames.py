@@ -4,30 +4,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath
 from nav2_msgs.srv import ClearCostmapAroundPose, IsPathValid
 from nav_msgs.msg import Path
-from rclpy.clock import ROSClock
-from rclpy.duration import Duration
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformListener, transformed
 from flexbt_common.values import duration_message, time_message
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.ros_messages import pose_of, transform
-from flexbt_sim.server_common import asked_pose, declare_navigation_parameters
-from flexbt_sim.server_common.frames import MapFrame
 from flexbt_sim.world import Pose
 from flexbt_testing.nodes.sim_world import FAST, Probe, aborted, line, open_world, pose
-from flexbt_testing.waiting import DEADLINE, wait_until
+from flexbt_testing.waiting import wait_until
 
 WORLD = """
 plan:
@@ -113,19 +106,6 @@ def test_a_stamp_means_the_transform_at_that_time(world: Probe) -> None:
     goal.header.stamp = time_message(0.001)
     said = aborted(world.send(names.COMPUTE_PATH_TO_POSE, goal=goal), ComputePathToPose.Result.TF_ERROR).error_msg
     assert all(part in said for part in ("'base_link'", 's ago', 'past', "'map'", 'tf')), said
-
-
-def test_how_old_a_stamp_is_goes_by_the_clock_of_stamps(monkeypatch: pytest.MonkeyPatch) -> None:
-    with NodeRuntime.open('server') as runtime:
-        frame = MapFrame(runtime, runtime.call(lambda: declare_navigation_parameters(runtime.node)))
-        read, goal, ages = ROSClock.now, pose((1.0, 0.0), 'base_link'), list[float]()
-        for hours in (1, -1):  # by which the computer's clock was set
-            monkeypatch.setattr(ROSClock, 'now', lambda of, hours=hours: read(of) + Duration(seconds=3600 * hours))
-            goal.header.stamp = runtime.call(runtime.clock.stamp)
-            asked = asked_pose(goal, 'the goal', 'TF_ERROR')
-            error = runtime.call(partial(frame._error, asked, TransformError('it is unknown')))
-            ages.append(float(str(error).split(' s ago')[0].split()[-1]))
-        assert all(0.0 <= age < DEADLINE for age in ages), ages
 
 
 def test_paths_in_other_frames_are_smoothed_and_judged(world: Probe) -> None:
