@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from flexbt_common.values import seconds_of
 from flexbt_core.state_machine import Answer
+from flexbt_core.values import excerpt
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_onboard.durability import InterruptedRun
@@ -25,6 +26,9 @@ from flexbt_onboard.runs import BehaviorRun, RunPhase, RunSupervisor
 from .authority import Authority
 from .input_requests import InputRequests
 from .operator_names import OperatorNames
+
+LOGGED: Final = 1000
+"""Characters of a value of a command that are in the event log."""
 
 
 class NeededRun(Enum):
@@ -211,7 +215,7 @@ _CHECKS: Final[Mapping[NeededRun, Callable[[RunSupervisor, ExecutiveCommand], No
 
 
 def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
-    """The fields of a command that are set, for the event log."""
+    """The fields of a command that are set, for the event log; of long values only what shows which they were."""
     fields: dict[str, Any] = {
         'id': command.id,
         'command': name,
@@ -223,8 +227,8 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         'path': command.path,
         'outcome': command.outcome,
         'behavior': command.behavior,
-        'arguments': {argument.name: argument.value for argument in command.arguments},
-        'inputs': {entry.key: f'{entry.type}: {entry.text or "..."}' for entry in command.inputs},
+        'arguments': {argument.name: excerpt(argument.value, LOGGED) for argument in command.arguments},
+        'inputs': {entry.key: f'{entry.type}: {excerpt(entry.text, LOGGED) or "..."}' for entry in command.inputs},
         'grantee': command.grantee,
         'text': command.text,
         'because': command.reason,

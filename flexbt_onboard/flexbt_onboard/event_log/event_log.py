@@ -28,8 +28,8 @@ switched        the run goes on with another behavior: ``run``, ``behavior``, ``
 fault           ``run``, ``path``, ``text``
 stopping        a run: ``run``, ``why``
 ended           a run: ``run``, ``behavior``, ``outcome``, ``message``
-command         of an operator, a note too: the fields of ExecutiveCommand that are set, ``effect`` 'applied', 'refused'
-                or 'ignored', ``why``
+command         of an operator, a note too: the fields of ExecutiveCommand that are set (of a long value 1,000
+                characters), ``effect`` 'applied', 'refused' or 'ignored', ``why``
 authority       ``holder``, ``requests``, ``text``
 operator        ``text``: consoles came or went, and what was done about it
 lost            ``number`` of events that are missing here
@@ -45,7 +45,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -157,10 +157,9 @@ class EventLog:
 
     def _write(self, events: Sequence[dict[str, Any]]) -> bool:
         """Write the first of those that wait; gives whether that was possible."""
-        lines = [self._line(event) for event in events]
         try:
             with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
-                self._append(lines)
+                self._append(events)
         except Exception as error:  # whatever it is: nobody else writes
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
             self._tell(
@@ -201,21 +200,24 @@ class EventLog:
             self._problems.add(kind)
             self._on_problem(problem)
 
-    def _append(self, lines: Sequence[bytes]) -> None:
-        """Append lines, and take each that is written from those that wait. When the file is full the others wait.
+    def _append(self, events: Sequence[dict[str, Any]]) -> None:
+        """Append events, and take each that is written from those that wait. When the file is full the others wait.
 
-        Raises OSError where a line does not fit onto the disk; nothing is left of it.
+        Raises OSError where a line does not fit onto the disk; nothing is left of it. Lines are made one by one: a disk
+        that is full costs that of the first.
         """
         assert self._file is not None  # else there is no thread
         self._file.parent.mkdir(parents=True, exist_ok=True)
         size = self._file.stat().st_size if self._file.exists() else 0
-        if size and size + len(lines[0]) > self._size:
+        lines = map(self._line, events)
+        first = next(lines)
+        if size and size + len(first) > self._size:
             self._rotate()
         # Opened each time: whoever moves or deletes the file does not end the log.
         with self._file.open('ab', buffering=0) as file:
             if self._may_be_cut and _is_cut(self._file):
                 file.write(b'\n')
-            for line in lines:
+            for line in chain((first,), lines):
                 begin = file.tell()
                 if begin and begin + len(line) > self._size:
                     break

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile
@@ -22,6 +22,9 @@ from ..nodes.operator import Operator
 from ..waiting import DEADLINE, MESSAGE_BYTES, uncontended_time, wait_until
 
 T = TypeVar('T')
+
+_LOST_SECONDS: Final = 5.0
+"""After which a request to the simulator is taken for lost."""
 
 
 class Probe(Operator):
@@ -93,8 +96,12 @@ class Probe(Operator):
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
     def reset(self) -> None:
-        """Put the robot back to where the simulation has begun."""
-        answer = self.ask(Trigger, names.RESET, Trigger.Request())
+        """Put the robot back to where the simulation has begun.
+
+        It is asked again: the response of a simulator that does not know this client yet is lost.
+        """
+        link = self._services.link(Trigger, names.RESET)
+        answer = self.wait(lambda: service_outcome(link, Trigger.Request(), _LOST_SECONDS).response, 'reset')
         assert answer.success, answer.message
         before = self.pose
         self.wait(lambda: self.pose is not before, 'pose after the reset')
