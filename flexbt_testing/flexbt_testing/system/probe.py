@@ -101,7 +101,7 @@ class Probe(Operator):
         It is asked again: the response of a simulator that does not know this client yet is lost.
         """
         link = self._services.link(Trigger, names.RESET)
-        answer = self.wait(lambda: service_outcome(link, Trigger.Request(), _LOST_SECONDS).response, 'reset')
+        answer: Any = self.wait(lambda: service_outcome(link, Trigger.Request(), _LOST_SECONDS).response, 'reset')
         assert answer.success, answer.message
         before = self.pose
         self.wait(lambda: self.pose is not before, 'pose after the reset')
