@@ -19,7 +19,7 @@ from flexbt_console.recording.run_file import read_run
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack, executable
-from flexbt_testing.waiting import DEADLINE
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 NOTE = 'the floor is wet \x1b[2J'
 
@@ -83,6 +83,7 @@ def test_a_note_reaches_every_console_and_what_is_kept(tmp_path: Path, watching:
         stack.start('recorder', {'use_sim_time': 'false', 'file': str(file)})
         for one in watching:
             one.wait_for('behaviors')
+        wait_until(file.exists, 'recorder that has begun, and heeds signals')
         console('start', 'Inspect Site', 'duration=1000', '--input', 'site=string:"gate"', '--autonomy', 'high')
         assert 'at most 1000' in console('note', 'x' * 1001, exit_code=2)['reason']
         console('note', NOTE)
