@@ -72,12 +72,10 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
     question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     operator.expect_goal('packing')
-    operator.choose(question, 'go_on')
-    report.take(CONFIRMED)
-
-    operator.wait_driven(4.0)
     with simulation.in_real_time():  # the recoveries of a tree are over after some ten seconds
-        simulation.put('cupboard', PACKING_DOOR)
+        simulation.put('cupboard', PACKING_DOOR)  # while the robot stands: it cannot be past the door
+        operator.choose(question, 'go_on')
+        report.take(CONFIRMED)
         operator.wait_begun('RecoveryActions')
         simulation.take_away('cupboard')
     question = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
