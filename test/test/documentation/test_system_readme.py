@@ -95,7 +95,7 @@ def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path
         return next((one for one in decisions if one.kind == kind), None)
 
     with Stack(tmp_path) as stack:
-        stack.start('simulation', {'speed_factor': '0.0'})
+        stack.start('simulation', {'speed_factor': '5.0'})
         for name in ('bt_server', 'onboard_executive'):
             stack.start(name, environment=installed)
         probe.wait_ready()

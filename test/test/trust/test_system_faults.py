@@ -105,9 +105,9 @@ def test_the_robot_is_held_while_a_process_hangs_and_goes_on(victim: str, stack:
     probe.drive_to(*KITCHEN)
     suspended = stack.send_signal(victim, signal.SIGSTOP)
     assert rest_after(probe, suspended) < REST_AFTER_DEATH
-    there = probe.moved_at
+    there = probe.moved_stamp
     stack.send_signal(victim, signal.SIGCONT)
-    probe.wait(lambda: probe.moved_at > there, 'robot driving on')
+    probe.wait(lambda: probe.moved_stamp > there, 'robot driving on')
     assert probe.status.state == ExecutiveStatus.RUNNING
 
 
