@@ -28,13 +28,11 @@ def load(module: str) -> ModuleType:
 def run_main(module: str) -> int:
     """Import a module, which may take a second, and run its ``main()``; gives the exit code of the process.
 
-    A SIGINT that comes meanwhile ends the process by that signal (130 for a shell), without a traceback of what was
-    being imported. One that is ignored stays so, as in the background of a shell.
+    Until ``main()`` installs a handler of its own, a SIGINT ends the process by that signal (130 for a shell): Python's
+    own raises KeyboardInterrupt wherever the program is, and from a callback of importlib or of the garbage collector
+    that goes no further than to standard error. One that is ignored stays so, as in the background of a shell.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if before is signal.default_int_handler:
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    main = load(module).main
-    signal.signal(signal.SIGINT, before)
-    exit_code: int = main()
+    exit_code: int = load(module).main()
     return exit_code
