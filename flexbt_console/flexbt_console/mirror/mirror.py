@@ -79,10 +79,20 @@ class Mirror:
     """
 
     def __init__(
-        self, clock: Clock, own_places: Mapping[str, Pose] | None = None, lost_after: float = LOST_SECONDS
+        self,
+        clock: Clock,
+        own_places: Mapping[str, Pose] | None = None,
+        lost_after: float = LOST_SECONDS,
+        seconds_asleep: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        """``own_places`` are known beside those of the robot; ``lost_after`` seconds a late link counts as lost."""
+        """``own_places`` are known beside those of the robot; ``lost_after`` seconds a late link counts as lost.
+
+        ``seconds_asleep`` tells for how long the computer has slept so far, which ``clock`` leaves out: what is known
+        and what was commanded is older by that.
+        """
         self._clock = clock
+        self._seconds_asleep = seconds_asleep
+        self._asleep = 0.0
         self._own_places = dict(own_places or {})
         self._places: Mapping[str, Pose] | None = None
         self._lock = threading.Lock()
@@ -113,7 +123,7 @@ class Mirror:
     def receive_snapshot(self, snapshot: Snapshot, transit: Transit | None = None) -> bool:
         """Take a snapshot; False when it is not newer than what is known."""
         with self._lock:
-            now = self._clock.now()
+            now = self._now()
             if not self._is_newer(snapshot, transit, now):
                 return False
             current = self._snapshot
@@ -213,7 +223,7 @@ class Mirror:
     def receive_scan(self, scan: Points, seconds: float) -> None:
         """Take what the lidar meets, which holds for so many seconds. It may be the same as before."""
         with self._lock:
-            self._scan_until = self._clock.now() + seconds
+            self._scan_until = self._now() + seconds
             if scan is self._surroundings.scan:
                 return
         self._surround(scan=scan)
@@ -232,18 +242,18 @@ class Mirror:
     def wants_ping(self) -> bool:
         """Whether an echo of the executive would tell more of the age of the picture, see :meth:`receive_pong`."""
         with self._lock:
-            return self._freshness.wants_ping(self._clock.now())
+            return self._freshness.wants_ping(self._now())
 
     def receive_pong(self, ahead: float) -> None:
         """An echo: it was sent ``ahead`` seconds after the ping, each time on the wall clock of its own computer."""
         with self._lock:
-            self._freshness.echoed(self._clock.now(), ahead)
+            self._freshness.echoed(self._now(), ahead)
         self._tell(Change.LINK)
 
     def is_silent(self) -> bool:
         """Whether the executive should have been heard again by now, or was never heard."""
         with self._lock:
-            return self._freshness.silent(self._clock.now())
+            return self._freshness.silent(self._now())
 
     def sender_gone(self) -> None:
         """The middleware says that nobody sends snapshots any more."""
@@ -263,7 +273,7 @@ class Mirror:
     def give(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
         """Take a command to be sent, which the operator calls ``label``."""
         with self._lock:
-            tracked = self._commands.give(command, self._clock.now(), timeout, label)
+            tracked = self._commands.give(command, self._now(), timeout, label)
         self._tell(Change.COMMAND)
         return tracked
 
@@ -271,7 +281,7 @@ class Mirror:
         """The commands to be sent now; ends those whose deadline is over."""
         with self._lock:
             before = len(self._commands.pending())
-            send = self._commands.due(self._clock.now(), reachable)
+            send = self._commands.due(self._now(), reachable)
             ended = len(self._commands.pending()) != before
         if ended:
             self._tell(Change.COMMAND)
@@ -280,7 +290,7 @@ class Mirror:
     def next_command_time(self, reachable: bool) -> float | None:
         """Time on the mirror's clock at which :meth:`due_commands` has something to do, or None."""
         with self._lock:
-            return self._commands.next_due(reachable)
+            return self._on_clock(self._commands.next_due(reachable))
 
     def command(self, command_id: str) -> TrackedCommand | None:
         """What became of a command."""
@@ -292,7 +302,7 @@ class Mirror:
     def view(self) -> View:
         """The picture at this moment, and how old it is."""
         with self._lock:
-            now = self._clock.now()
+            now = self._now()
             snapshot = self._snapshot
             if self._surroundings.scan and now > self._scan_until:  # what it met may be gone
                 self._surroundings = replace(self._surroundings, scan=())
@@ -326,9 +336,17 @@ class Mirror:
             return self._events.latest(count)
 
     def next_link_change(self) -> float | None:
-        """Time at which the link state changes if nothing arrives, or None."""
+        """Time on the mirror's clock at which the link state changes if nothing arrives, or None."""
         with self._lock:
-            return self._freshness.next_change(self._clock.now())
+            return self._on_clock(self._freshness.next_change(self._now()))
+
+    def _now(self) -> float:
+        """The time by which everything here is dated, s; it goes on while the computer sleeps."""
+        self._asleep = max(self._asleep, self._seconds_asleep())
+        return self._clock.now() + self._asleep
+
+    def _on_clock(self, time: float | None) -> float | None:
+        return None if time is None else time - self._asleep
 
     def _follow(self, snapshot: Snapshot) -> None:
         """Keep where the robot has been since its run began."""

@@ -42,6 +42,7 @@ from flexbt_console.commands import (
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror import LOST_SECONDS, Fleet, LinkState, Mirror, Pose, View
 from flexbt_console.present import Line, Tone, coloured, encode_json, failure_json, has_colours
+from flexbt_core.clock import seconds_asleep
 from flexbt_core.values import lines
 
 from .terminal_watch import TerminalWatch
@@ -319,7 +320,7 @@ def _scan_period(line: CommandLine) -> float:
 
 def _mirror_maker(line: CommandLine, runtime: NodeRuntime) -> Callable[[], Mirror]:
     places, lost_after = _places(line, runtime), line.seconds('--lost-after') or LOST_SECONDS
-    return lambda: Mirror(runtime.steady, places, lost_after)
+    return lambda: Mirror(runtime.steady, places, lost_after, seconds_asleep)
 
 
 def _operator(line: CommandLine) -> str | None:

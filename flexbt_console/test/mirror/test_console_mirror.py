@@ -14,6 +14,9 @@ from flexbt_console.mirror import (
     Behavior,
     BehaviorList,
     Change,
+    Command,
+    CommandKind,
+    CommandState,
     LinkState,
     LogLine,
     Mirror,
@@ -207,6 +210,36 @@ def test_a_clock_that_is_set_does_not_make_the_picture_old(step: float, is_echoe
         if is_echoed and sequence < 10:
             mirror.receive_pong(0.0)
         assert mirror.view().live, sequence
+
+
+@pytest.mark.parametrize('is_echoed', [False, True])
+def test_a_computer_that_has_slept_takes_nothing_from_before_for_new(is_echoed: bool) -> None:
+    """Its steady clock has stood still: neither a step of the wall clock, nor a command to be sent once more."""
+    clock, asleep = ManualClock(), 0.0
+    mirror = Mirror(clock, seconds_asleep=lambda: asleep)
+    for sequence in range(1, 5):
+        clock.advance(1.0)
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(clock.now(), clock.now() + 0.01))
+    if is_echoed:
+        mirror.receive_pong(0.0)
+    mirror.give(Command('1', CommandKind.STOP, 'ann'), timeout=5.0)
+    assert mirror.view().live and len(mirror.due_commands(reachable=True)) == 1
+    sent, asleep = clock.now() + 0.1, 3600.0
+    view = mirror.view()
+    assert view.link is LinkState.LOST and view.age is not None and view.age >= asleep
+    assert mirror.due_commands(reachable=True) == [] and mirror.next_command_time(reachable=True) is None
+    tracked = mirror.command('1')
+    assert tracked is not None and tracked.state is CommandState.TIMEOUT
+    clock.advance(0.2)
+    mirror.receive_snapshot(snapshot('e', 5), Transit(sent, clock.now() + asleep))
+    age = mirror.view().age
+    assert not mirror.view().live and age is not None and age > asleep - 1.0
+    mirror.receive_snapshot(snapshot('e', 6), Transit(clock.now() + asleep, clock.now() + asleep + 0.01))
+    assert mirror.view().live
+    change = mirror.next_link_change()
+    assert change is not None
+    clock.set(change)
+    assert mirror.view().link is LinkState.STALE
 
 
 def test_the_end_of_the_sender_is_seen_at_once() -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Clocks, timers and how threads wait: time is an object that is handed in."""
 
-from .clock import Clock, ManualClock, SteadyClock, Timer
+from .clock import Clock, ManualClock, SteadyClock, Timer, seconds_asleep
 from .timer_queue import TimerQueue
 from .told_when_late import told_when_late
 from .wake_event import WakeEvent
@@ -16,5 +16,6 @@ __all__ = [
     'TimerQueue',
     'WakeEvent',
     'WorkThread',
+    'seconds_asleep',
     'told_when_late',
 ]
