@@ -43,7 +43,8 @@ class LogWriter:
     The tree writes to a log, and at the end of each round what is there is handed to ``write``, which does what it is
     given, in order, at once or on another thread; it may give a text instead: why it does not. That is told to
     ``on_error`` and ends the log, of which what was handed over before is written all the same. So does an error of the
-    file system, after which nothing is written.
+    file system, as of a full disk: the file ends with the last round that it took as a whole then, and is none when it
+    took not even the beginning.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class LogWriter:
         self._on_error = on_error
         self._reader = log_reader(tree.nodes, _change)
         self._takes_no_more = len(tree.nodes) > protocol.MAX_UID
+        self._written = 0
         self._has_failed = False
         if self._takes_no_more:
             on_error(f'{path}: not written, the tree has more than {protocol.MAX_UID} nodes, which is the limit')
@@ -77,7 +79,7 @@ class LogWriter:
         """Hands over what was logged. On the thread that ticks the tree."""
         marks = self._log.take()
         if marks and not self._takes_no_more:
-            self._hand_over(lambda: self._store('ab', self._records(marks)))
+            self._hand_over(lambda: self._store('r+b', self._records(marks)))
 
     def _hand_over(self, step: Step) -> None:
         refusal = self._write(step)
@@ -99,8 +101,18 @@ class LogWriter:
         if self._has_failed:
             return
         try:
-            with self._path.open(mode) as file:
-                file.write(data)
+            with self._path.open(mode, buffering=0) as file:
+                file.seek(self._written)
+                try:
+                    rest = data
+                    while rest:  # when not all fits, the rest tells why
+                        rest = rest[file.write(rest) :]
+                except OSError:
+                    file.truncate(self._written)
+                    if not self._written:
+                        self._path.unlink()
+                    raise
+            self._written += len(data)
         except OSError as error:
             self._has_failed = True
             self._end(error)

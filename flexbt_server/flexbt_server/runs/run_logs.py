@@ -32,6 +32,9 @@ MOST_WAITING: Final = 10_000
 STUCK_SECONDS: Final = 2.0
 """A disk that takes longer than this for one of them is told."""
 
+TELL_SECONDS: Final = 60.0
+"""From one line about logs that cannot be written to the next: a full disk ends that of each run."""
+
 _CLOSE_SECONDS: Final = 1.0
 
 
@@ -67,7 +70,7 @@ class RunLogs:
         started = datetime.fromtimestamp(epoch, UTC)
         name = _UNFIT.sub('_', tree.key.id)[:_NAME_LIMIT]
         path = self._directory / f'{started:%Y%m%dT%H%M%S.%fZ}_{name}_{run_id[:8]}{SUFFIX}'
-        log = LogWriter(path, tree, marks, start, epoch, write=self._write, on_error=self._error)
+        log = LogWriter(path, tree, marks, start, epoch, write=self._write, on_error=self._tell_end)
         self._write(self._prune)
         return log
 
@@ -77,6 +80,9 @@ class RunLogs:
             return f'the disk does not answer, and {MOST_WAITING} rounds wait for it'
         self._writer.submit(step, str(self._directory))
         return ''
+
+    def _tell_end(self, text: str) -> None:
+        self._error(text, throttle_duration_sec=TELL_SECONDS)
 
     def _tell_stuck(self, work: LateWork | None) -> None:
         was_stuck, self._is_stuck = self._is_stuck, work is not None and not work.uses_processor

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import resource
 import struct
 from pathlib import Path
 
@@ -69,6 +70,27 @@ def test_a_log_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None
             assert cut.transitions == full.transitions[: (size - start) // 9]
             assert cut.left_over == (size - start) % 9
     assert tool('log', str(path)).err.endswith('the last 8 bytes are no whole transition\n')
+
+
+def test_a_disk_that_is_full_leaves_a_log_of_whole_rounds_or_none(tmp_path: Path) -> None:
+    _, path = logged(tmp_path, TREE)
+    whole, full = path.read_bytes(), read_log(path)
+    start = len(whole) - 9 * len(full.transitions)
+    words = ('run', '--quiet', '--btlog', str(path), str(tmp_path / 'tree.xml'))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    sizes = set()
+    for size in (100, start - 1, *range(start, len(whole), 23)):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        try:
+            assert 'the log of this run ends here: [Errno 27] File too large' in tool(*words).err
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert path.exists() == (size >= start)
+        if path.exists():
+            cut = read_log(path)
+            assert cut.left_over == 0 and cut.transitions == full.transitions[: len(cut.transitions)]
+            sizes.add(len(cut.transitions))
+    assert len(sizes) > 2
 
 
 @given(xml=st.binary() | st.text().map(str.encode), tail=st.binary(), length=st.none() | st.integers(-10, 1 << 31 - 1))
