@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
@@ -30,6 +30,9 @@ from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = SynthesizeBehavior.Result
+
+SEARCH_DEADLINE: Final = 5.0 * DEADLINE
+"""Within which there is an answer, s: a search gives way to all others."""
 
 COFFEE = """\
 state_outcome_mappings: {grind: completed, brew: completed, fail: failure}
@@ -79,7 +82,7 @@ class SynthesisBench(ExecutiveBench):
         return len(response.goals_canceling)
 
     def made(self, **fields: Any) -> Any:
-        result = self.ask(**fields)[1].result(DEADLINE).result
+        result = self.ask(**fields)[1].result(SEARCH_DEADLINE).result
         assert result is not None
         return result
 
@@ -156,7 +159,7 @@ def test_what_was_started_during_a_search_is_not_replaced(tmp_path: Path, monkey
         bench.logged("synthesis of 'old'")
         bench.start('old')
         (tmp_path / 'go').touch()
-        result = done.result(DEADLINE).result
+        result = done.result(SEARCH_DEADLINE).result
         assert result is not None and result.code == Result.FAILURE and 'was started meanwhile' in result.message
     assert kept.read_text(encoding='utf-8') == '# old\n' + MACHINE
 
@@ -172,7 +175,7 @@ def test_a_search_that_nobody_wants_any_more_makes_room(
         _, done = bench.ask(capabilities=COFFEE, name='never', operator_id='bob', time_limit=3600.0)
         bench.logged("synthesis of 'never'")
         assert 'another synthesis' in bench.made(capabilities=COFFEE, operator_id='ann').message
-    result = done.result(DEADLINE).result
+    result = done.result(SEARCH_DEADLINE).result
     assert result is not None and result.code == Result.CANCELED and "'bob'" in result.message
 
     # Anybody may end what another one has asked for.
@@ -180,7 +183,7 @@ def test_a_search_that_nobody_wants_any_more_makes_room(
     _, done = bench.ask(capabilities=COFFEE, name='other', operator_id='bob')
     bench.logged("synthesis of 'other'")
     assert bench.cancel_all() == 1
-    result = done.result(DEADLINE).result
+    result = done.result(SEARCH_DEADLINE).result
     assert result is not None and result.code == Result.CANCELED
     (tmp_path / 'go').touch()
     # Who was never there is a program.
@@ -219,7 +222,7 @@ def test_the_editor_of_flexbe_gets_states_and_the_executive_keeps_nothing(
         goal, done, told = action.Goal(), Future[Any](), list[Any]()
         goal.request.system, goal.request.name, goal.request.goal = 'coffee', 'Coffee', wanted
         ActionCall(link, goal, on_done=done.set_result, on_feedback=told.append, server_timeout=DEADLINE)
-        return done.result(DEADLINE).result, told
+        return done.result(SEARCH_DEADLINE).result, told
 
     made, _ = asked('brew')
     assert (made.error_code.value, [state.state_path for state in made.states]) == (
@@ -247,7 +250,7 @@ def test_a_search_that_fails_ends_with_a_reason(case: str, monkeypatch: pytest.M
     command = [sys.executable, '-S', '-c', program]
     seconds = 0.1 if case == 'it hangs' else DEADLINE
     SearchProcess(command, {}, seconds, lambda _message: None, lambda *end: done.set_result(end))
-    answer, why = done.result(DEADLINE)
+    answer, why = done.result(SEARCH_DEADLINE)
     assert answer is None and reason in why, why
 
 
@@ -259,4 +262,4 @@ def test_a_search_is_ended_at_once_when_it_is_canceled() -> None:
     search = SearchProcess(command, {}, 1000.0, lambda _message: began.set(), lambda *end: done.set_result(end))
     assert began.wait(DEADLINE)
     search.cancel()
-    assert done.result(DEADLINE) == (None, '')
+    assert done.result(SEARCH_DEADLINE) == (None, '')
