@@ -188,7 +188,7 @@ class Environment:
 def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) -> None:
     """Write what the real node would with this result: its outputs, or the error codes alone."""
     for name, port in node.ports.items():
-        value = node._values.get(name)
+        value = node.port_values.get(name)
         if not port.writable or value is None or value.key is None:
             continue
         if status is SUCCESS or name.startswith('error'):
@@ -227,7 +227,7 @@ class _Model(LeafNode):
     @property
     def server(self) -> str:
         """What it needs to succeed: its type, with the name of the server where the tree gives one."""
-        given = (self._values.get(port) for port in ('server_name', 'service_name'))
+        given = (self.port_values.get(port) for port in ('server_name', 'service_name'))
         name = next((value.text for value in given if value is not None and value.key is None), '')
         return f'{self.id} ({name})' if name else self.id
 
@@ -238,7 +238,9 @@ class _Model(LeafNode):
 
     def lacks_an_input(self) -> bool:
         """Whether an input that is given points to what was never written."""
-        keys = (value.key for name, value in self._values.items() if name in self.ports and self.ports[name].readable)
+        keys = (
+            value.key for name, value in self.port_values.items() if name in self.ports and self.ports[name].readable
+        )
         entries = [self.blackboard.entry(key) for key in keys if key is not None]
         return any(entry is None or entry.value is EMPTY for entry in entries)
 

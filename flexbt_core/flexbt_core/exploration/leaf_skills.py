@@ -41,7 +41,7 @@ def needs_of(leaf: TreeNode, skill: Skill | None, names: dict[Entry, str]) -> Ne
     """
     if skill is None:
         return Needs()
-    objects = {port: name for port in leaf._values if (name := _object(leaf, port, names)) is not None}
+    objects = {port: name for port in leaf.port_values if (name := _object(leaf, port, names)) is not None}
     told = {name: port for port, text in skill.arguments.items() for name in Template(text).get_identifiers()}
     binding = {name: objects[told.get(name, name)] for name in skill.parameters if told.get(name, name) in objects}
     unbound = skill.parameters.keys() - binding.keys()
@@ -73,7 +73,7 @@ def _is_asked_otherwise(leaf: TreeNode, skill: Skill, told: Mapping[str, str]) -
     about = {told.get(name, name) for name in skill.parameters}
     return any(
         port in leaf.ports and port not in about and not _is_default(leaf.ports[port], value)
-        for port, value in leaf._values.items()
+        for port, value in leaf.port_values.items()
     )
 
 
@@ -93,7 +93,7 @@ def _is_default(port: Port, value: PortValue) -> bool:
 
 def _object(leaf: TreeNode, port: str, names: dict[Entry, str]) -> str | None:
     """What a port is given: a text, or the name of an entry; None for an entry that is not there."""
-    value = leaf._values[port]
+    value = leaf.port_values[port]
     if value.key is None:
         return str(value.text)
     entry = leaf.blackboard.entry(value.key)

@@ -219,7 +219,7 @@ class TreeSystem:
         read = {id(entry) for key, entry in entries if key in names} | {
             id(node.blackboard.entry(value.key))
             for node in self._tree.nodes
-            for name, value in node._values.items()
+            for name, value in node.port_values.items()
             if value.key is not None and (name not in node.ports or node.ports[name].readable)
         }
         return [entry for _, entry in entries if id(entry) not in read]
@@ -231,7 +231,7 @@ class TreeSystem:
         written: set[int] = set()
         assigned = {name for script in _scripts(self._tree.definitions) for name in _ASSIGNED.findall(script)}
         for node in self._tree.nodes:
-            for name, value in node._values.items():
+            for name, value in node.port_values.items():
                 port = node.ports.get(name)
                 entry = node.blackboard.entry(value.key) if value.key is not None else None
                 if port is None or entry is None or value.key is None:
@@ -391,10 +391,10 @@ class TreeSystem:
     def _described(self, node: TreeNode) -> tuple[str, ...]:
         """The type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
         now."""
-        return (node.id, *(self._port_text(node, name) for name in sorted(node._values)))
+        return (node.id, *(self._port_text(node, name) for name in sorted(node.port_values)))
 
     def _port_text(self, node: TreeNode, name: str) -> str:
-        value = node._values[name]
+        value = node.port_values[name]
         if value.key is None:
             return f'{name}="{value.text}"'
         entry = node.blackboard.entry(value.key)

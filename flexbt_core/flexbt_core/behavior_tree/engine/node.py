@@ -314,6 +314,11 @@ class TreeNode(ABC):
         except (BlackboardError, ConversionError) as error:
             raise self._port_error(port, str(error)) from error
 
+    @property
+    def port_values(self) -> Mapping[str, PortValue]:
+        """What the XML, or a default, gives each port; those that neither gives are not there."""
+        return self._values
+
     def port_key(self, port: str) -> str | None:
         """The blackboard key that a port points to; None when it holds a literal or is not given."""
         self._declared(port)
