@@ -14,7 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[3]
 LINK = re.compile(r'!?\[(?:[^\]\[]|\[[^\]]*\])*\]\(\s*<?([^)\s>]+)>?[^)]*\)')
 ELSEWHERE = re.compile(r'[a-z][a-z+.-]*:|//')
-INCLUDE = re.compile(r'^```\{include\} (\S+)$', re.MULTILINE)
+INCLUDE = re.compile(r'^```\{include\} (\S+)\n(?::relative-docs: (\S+)\n)?', re.MULTILINE)
+"""The file, and how links of it begin that are moved along with it."""
 
 
 def pages() -> list[Path]:
@@ -37,6 +38,17 @@ def prose(page: Path) -> Iterator[str]:
             yield line
 
 
+def links(page: Path) -> Iterator[tuple[str, str, str]]:
+    """The links of a page within the repository: as they are written, their paths ('' for the page itself), and their
+    anchors.
+    """
+    for line in prose(page):
+        for link in LINK.findall(re.sub(r'`[^`]*`', '``', line)):
+            if not ELSEWHERE.match(link):
+                path, _, anchor = unquote(link).partition('#')
+                yield link, path, anchor
+
+
 def anchors(page: Path) -> set[str]:
     """The anchors of the headings of a page, as GitHub and the documentation site make them of the text."""
     counted: Counter[str] = Counter()
@@ -54,10 +66,7 @@ def anchors(page: Path) -> set[str]:
 @pytest.mark.parametrize('page', pages(), ids=lambda page: str(page.relative_to(ROOT)))
 def test_links(page: Path) -> None:
     broken: list[str] = []
-    for link in [link for line in prose(page) for link in LINK.findall(re.sub(r'`[^`]*`', '``', line))]:
-        if ELSEWHERE.match(link):
-            continue
-        path, _, anchor = unquote(link).partition('#')
+    for link, path, anchor in links(page):
         target = page.parent / path if path else page
         if not target.resolve().is_relative_to(ROOT):
             broken.append(f'{link}: outside of the repository')
@@ -87,10 +96,14 @@ def test_the_files_and_folders_that_the_instructions_name_exist() -> None:
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-def test_what_is_included_exists() -> None:
+def test_what_is_included_exists_and_its_links_lead_to_pages_of_the_site_as_well() -> None:
     for page in pages():
-        for name in INCLUDE.findall(page.read_text(encoding='utf-8')):
-            assert (page.parent / name).exists(), f'{page.relative_to(ROOT)}: {name}'
+        for name, moved in INCLUDE.findall(page.read_text(encoding='utf-8')):
+            included = page.parent / name
+            assert included.exists(), f'{page.relative_to(ROOT)}: {name}'
+            for link, path, _ in links(included):
+                is_moved = moved and path.startswith(moved)
+                assert is_moved or (page.parent / path).exists(), f'{name}: {link}: there is no {page.parent / path}'
 
 
 def test_the_page_of_the_architecture_is_what_its_program_writes(tmp_path: Path) -> None:
