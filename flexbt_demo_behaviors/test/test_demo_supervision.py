@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common.cli import restored_signals
 from flexbt_demo_behaviors.demonstration import (
     DemoError,
     EndedProcess,
@@ -79,10 +80,8 @@ def test_processes_are_ended_when_the_body_raises(tmp_path: Path) -> None:
 def signals() -> Iterator[tuple[signal.Signals, ...]]:
     """By which a demonstration is ended; what they did before is put back."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.getsignal(number) for number in numbers]
-    yield numbers
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
+    with restored_signals(*numbers):
+        yield numbers
 
 
 @pytest.mark.parametrize('interactive', [False, True])

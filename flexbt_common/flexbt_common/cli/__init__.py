@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What command-line programs share."""
 
+from .signals import restored_signals
 from .streams import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, tells_full_output
 from .user_files import USER_DIRECTORY, home_path, node_file
 
@@ -12,5 +13,6 @@ __all__ = [
     'keep_stdout_for_python',
     'make_streams_safe',
     'node_file',
+    'restored_signals',
     'tells_full_output',
 ]

@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Final
 
+from flexbt_common.cli import restored_signals
+
 UNSEEN_SECONDS: Final = 30.0
 """Who sees nothing of what happens for so long is not present."""
 
@@ -69,12 +71,10 @@ class TerminalWatch:
             self.signaled(number)
             loop.call_soon_threadsafe(end)
 
-        before = {known: signal.signal(known, handle) for known in _SIGNALS}
-        try:
+        with restored_signals(*_SIGNALS):
+            for known in _SIGNALS:
+                signal.signal(known, handle)
             yield
-        finally:
-            for known, handler in before.items():
-                signal.signal(known, handler)
 
     def close(self) -> None:
         """The terminal is not used any more."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_common.cli import restored_signals
 from flexbt_console.errors import ExitCode
 from flexbt_console.ui.console import main
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
@@ -207,12 +208,8 @@ def test_a_signal_while_ros_is_joined_ends_the_command_in_order(monkeypatch: pyt
             Opening.is_closed = True
 
     monkeypatch.setattr('flexbt_common.runtime.NodeRuntime', Opening)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with restored_signals(signal.SIGINT, signal.SIGTERM):
         assert main(['status']) == ExitCode.INTERRUPTED
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
     assert Opening.is_closed
 
 

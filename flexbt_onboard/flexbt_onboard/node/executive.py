@@ -307,7 +307,8 @@ def open_executive(
 ) -> Executive:
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
     found = BehaviorLibrary.discover() if library is None else library
-    RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())  # holds up nobody
+    # Here it holds up nobody: whoever opens the journal waits for the same, on the executor thread.
+    RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive

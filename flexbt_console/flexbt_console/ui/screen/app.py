@@ -27,6 +27,7 @@ from textual.timer import Timer
 from textual.widget import AwaitMount
 from textual.widgets import Input
 
+from flexbt_common.cli import restored_signals
 from flexbt_console.commands import (
     Ask,
     CommandBuilder,
@@ -746,14 +747,9 @@ def _run(screen: OperatorScreen, on_signal: OnSignal) -> None:
     """Nothing else writes to its terminal."""
 
     async def run() -> None:
-        # Textual's driver leaves its own, which need the event loop.
-        before = {number: signal.getsignal(number) for number in (signal.SIGTSTP, signal.SIGCONT)}
-        try:
-            with on_signal(screen.exit):
-                await screen.run_async()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        # Textual's driver leaves handlers of its own, which need the event loop.
+        with restored_signals(signal.SIGTSTP, signal.SIGCONT), on_signal(screen.exit):
+            await screen.run_async()
 
     with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):
         asyncio.run(run())
