@@ -9,23 +9,23 @@ from importlib.metadata import entry_points
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry, builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_nav2
+from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_nav2
 
 ENTRY_POINTS: Final = 'flexbt.bt_nodes'
 """Group of the entry points by which an installed package adds node types: functions that take the registry."""
 
 
-def node_registry(on_broken: Callable[[str, Exception], None], dialect: Dialect = 'jazzy') -> NodeRegistry:
-    """A registry with everything that is installed. ``dialect`` is the branch of Nav2 whose nodes trees
+def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2Branch = 'jazzy') -> NodeRegistry:
+    """A registry with everything that is installed. ``nav2_branch`` is the branch of Nav2 whose nodes trees
     expect that do not show it themselves.
 
     ``on_broken(nodes, error)`` is told what cannot be used: the nodes of an entry point or a module, or only one of
     them, whose ID an earlier source has taken; the others can. Entry points come in the order of their names.
     """
     registry = builtin_registry()
-    register_nav2(registry, dialect)
+    register_nav2(registry, nav2_branch)
     points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
-    _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(dialect), on_broken)
+    _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(nav2_branch), on_broken)
     for point in points:
         _add(registry, f'{point.name} = {point.value}', point.load, on_broken)
     return registry
@@ -45,7 +45,7 @@ def _add(
     registry.on_clash = None
 
 
-def _ros_leaves(dialect: Dialect) -> Callable[[NodeRegistry], None]:
+def _ros_leaves(nav2_branch: Nav2Branch) -> Callable[[NodeRegistry], None]:
     from flexbt_server.nav2 import register_leaves
 
-    return lambda registry: register_leaves(registry, dialect)
+    return lambda registry: register_leaves(registry, nav2_branch)

@@ -26,7 +26,7 @@ from .waypoint_statuses import SKIPPED, mark
 _OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('CheckPoseOccupancy', {'pose': '{$pose}'}))
 
 _PLUGINS: Final = input_port(
-    list_of(STRING), optional=True, description='layers to clear, separated by ;; all if none', variant='main'
+    list_of(STRING), optional=True, description='layers to clear, separated by ;; all if none', nav2_branch='main'
 )
 _DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the square that is meant, m')
 
@@ -106,7 +106,7 @@ class IsPathValid(ServiceLeaf):
 
     __slots__ = ()
 
-    variant = 'jazzy'
+    nav2_branch = 'jazzy'
     kind = NodeKind.CONDITION  # in Nav2 it blocks until the answer is there; here it is RUNNING
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
@@ -132,7 +132,7 @@ class ValidatePath(IsPathValid):
 
     __slots__ = ('_path',)
 
-    variant = 'main'
+    nav2_branch = 'main'
     kind = NodeKind.ACTION
     fields = (
         *IsPathValid.fields,
@@ -241,7 +241,7 @@ class CheckPoseOccupancy(_CostLeaf):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     skill = Skill.measuring(_OCCUPIED)
     ports = {**_COST_PORTS, 'pose': input_port(POSE_STAMPED, description='the pose to check')}
 
@@ -257,7 +257,7 @@ class RemoveInCollisionGoals(_CostLeaf):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         **_COST_PORTS,
         'input_goals': input_port(POSES, description='goals to pass'),

@@ -73,10 +73,10 @@ class GoalUpdater(Decorator):
     ports = {
         'input_goal': input_port(POSE_STAMPED, description='the goal that was given'),
         'output_goal': output_port(POSE_STAMPED, description='the newer of the two'),
-        'input_goals': input_port(POSES, optional=True, description='goals to pass', variant='main'),
-        'output_goals': output_port(POSES, description='the same goals, or newer ones', variant='main'),
+        'input_goals': input_port(POSES, optional=True, description='goals to pass', nav2_branch='main'),
+        'output_goals': output_port(POSES, description='the same goals, or newer ones', nav2_branch='main'),
     }
-    variant = 'jazzy'
+    nav2_branch = 'jazzy'
     topic = 'goal_update'
 
     def __init__(self, config: NodeConfig) -> None:
@@ -122,7 +122,7 @@ class GoalUpdaterOfMain(GoalUpdater):
     __slots__ = ('_goals',)
 
     xml_name = 'GoalUpdater'
-    variant = 'main'
+    nav2_branch = 'main'
     goals_topic = 'goals_update'
 
     def __init__(self, config: NodeConfig) -> None:
@@ -152,7 +152,7 @@ class PauseResumeController(nav2_pause.PauseResumeController):
     __doc__ = nav2_pause.PauseResumeController.__doc__
     __slots__ = ('__weakref__', '_offered')
 
-    variant = 'main'
+    nav2_branch = 'main'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

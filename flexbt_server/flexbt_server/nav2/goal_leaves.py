@@ -33,14 +33,14 @@ class RemovePassedGoals(PoseLeaf, SyncAction):
         'output_goals': output_port(POSES, description='those that are left'),
         'radius': input_port(DOUBLE, default='0.5', description='m'),
         'global_frame': input_port(
-            STRING, optional=True, description='not used: the goals have theirs', variant='jazzy'
+            STRING, optional=True, description='not used: the goals have theirs', nav2_branch='jazzy'
         ),
         'robot_base_frame': input_port(STRING, optional=True, description="frame of the robot, if not the server's"),
         'input_waypoint_statuses': input_port(
-            WAYPOINT_STATUSES, optional=True, description='statuses of all waypoints of the mission', variant='main'
+            WAYPOINT_STATUSES, optional=True, description='statuses of all waypoints of the mission', nav2_branch='main'
         ),
         'output_waypoint_statuses': output_port(
-            WAYPOINT_STATUSES, description='the same, with those passed', variant='main'
+            WAYPOINT_STATUSES, description='the same, with those passed', nav2_branch='main'
         ),
     }
 
@@ -69,7 +69,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         'goal_pose': input_port(POSE_STAMPED, description='the pose that comes last'),
         'input_goals': input_port(POSES, optional=True, description='the goals before it'),
@@ -86,7 +86,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         'num_goals': input_port(INT, description='how many at most'),
         'input_goals': input_port(POSES, description='the goals'),
@@ -109,7 +109,7 @@ class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         'route': input_port(ROUTE, description='the route'),
         'goals': output_port(POSES, description='its nodes'),

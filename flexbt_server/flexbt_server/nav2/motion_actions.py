@@ -72,8 +72,10 @@ class FollowPath(ActionLeaf):
         'controller_id': input_port(STRING, optional=True, description='controller to use'),
         'goal_checker_id': input_port(STRING, optional=True, description='goal checker to use'),
         'progress_checker_id': input_port(STRING, optional=True, description='progress checker to use'),
-        'path_handler_id': input_port(STRING, optional=True, description='path handler to use', variant='main'),
-        'tracking_feedback': output_port(TRACKING_FEEDBACK, description='how the robot is on the path', variant='main'),
+        'path_handler_id': input_port(STRING, optional=True, description='path handler to use', nav2_branch='main'),
+        'tracking_feedback': output_port(
+            TRACKING_FEEDBACK, description='how the robot is on the path', nav2_branch='main'
+        ),
     }
 
     def __init__(self, config: NodeConfig) -> None:
@@ -150,7 +152,9 @@ class FollowPath(ActionLeaf):
 _PLUGINS: Final = ('controller_id', 'goal_checker_id', 'progress_checker_id', 'path_handler_id')
 
 _ALLOWANCE: Final = input_port(DOUBLE, default='10.0', description='give up after this time, s; 0 for never')
-_UNCHECKED: Final = input_port(BOOL, default='false', description='whether nothing is looked out for', variant='main')
+_UNCHECKED: Final = input_port(
+    BOOL, default='false', description='whether nothing is looked out for', nav2_branch='main'
+)
 
 
 class Spin(RecoveryLeaf):
@@ -257,7 +261,7 @@ class Wait(RecoveryLeaf):
     action_type = action.Wait
     default_server = names.WAIT
     ports = ACTION_PORTS | {
-        'error_code_id': replace(ACTION_PORTS['error_code_id'], variant='main'),
+        'error_code_id': replace(ACTION_PORTS['error_code_id'], nav2_branch='main'),
         'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
     }
 
@@ -303,7 +307,7 @@ class FollowObject(ActionLeaf):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     action_type = action.FollowObject
     default_server = names.FOLLOW_OBJECT
     skill = Skill.of(resources=[BASE])

@@ -67,9 +67,9 @@ class TruncatePathLocal(PoseLeaf, SyncAction):
         'output_path': output_port(PATH, description='the part of it'),
         'distance_forward': input_port(DOUBLE, default='8.0', description='m; less than 0 for all that is ahead'),
         'distance_backward': input_port(DOUBLE, default='4.0', description='m'),
-        'robot_frame': input_port(STRING, optional=True, description='as robot_base_frame', variant='jazzy'),
+        'robot_frame': input_port(STRING, optional=True, description='as robot_base_frame', nav2_branch='jazzy'),
         'robot_base_frame': input_port(
-            STRING, optional=True, description="frame of the robot, if not the server's", variant='main'
+            STRING, optional=True, description="frame of the robot, if not the server's", nav2_branch='main'
         ),
         'transform_tolerance': input_port(DOUBLE, default='0.2', description='not used: the newest transform counts'),
         'pose': input_port(POSE_STAMPED, optional=True, description='pose to go by, in the frame of the path'),

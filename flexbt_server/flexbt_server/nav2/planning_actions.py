@@ -41,7 +41,9 @@ class ComputePathToPose(ActionLeaf):
         'start': _START,
         'use_start': input_port(BOOL, optional=True, description='whether start counts; true when it is given'),
         'planner_id': input_port(STRING, default='', description='planner to use'),
-        'viapoints': input_port(POSES, optional=True, description='poses that the path is to come by', variant='main'),
+        'viapoints': input_port(
+            POSES, optional=True, description='poses that the path is to come by', nav2_branch='main'
+        ),
         'path': output_port(PATH, description='the path; empty when there is none'),
     }
 
@@ -78,7 +80,9 @@ class ComputePathThroughPoses(ActionLeaf):
         'planner_id': input_port(STRING, default='', description='planner to use'),
         'path': output_port(PATH, description='the path; empty when there is none'),
         'last_reached_index': output_port(
-            INT, description='the last of the goals that the path reaches, from 0; -1 for all of them', variant='main'
+            INT,
+            description='the last of the goals that the path reaches, from 0; -1 for all of them',
+            nav2_branch='main',
         ),
     }
 

@@ -84,7 +84,7 @@ class GoalReached(PoseLeaf, Condition):
     ports = {
         'goal': input_port(POSE_STAMPED, description='the goal'),
         'global_frame': input_port(
-            STRING, optional=True, description='not used: that of the goal counts', variant='jazzy'
+            STRING, optional=True, description='not used: that of the goal counts', nav2_branch='jazzy'
         ),
         'robot_base_frame': _BASE,
     }
@@ -139,7 +139,7 @@ class IsGoalNearby(PoseLeaf, Condition):
 
     __slots__ = ('_nearest',)
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         'path': input_port(PATH, optional=True, description='the path'),
         'proximity_threshold': input_port(DOUBLE, default='1.0', description='length that is near, m'),
@@ -175,7 +175,7 @@ class IsWithinPathTrackingBounds(PoseLeaf, Condition):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {
         'max_error_left': input_port(DOUBLE, default='0.5', description='how far to the left it may be, m'),
         'max_error_right': input_port(DOUBLE, default='0.5', description='how far to the right it may be, m'),

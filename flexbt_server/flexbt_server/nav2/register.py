@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_dialects
+from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_branches
 from flexbt_server.leaves import ExecuteBehavior, ReachGoal
 
 from . import (
@@ -36,8 +36,8 @@ FAMILIES: Final = (
 )
 
 
-def register_leaves(registry: NodeRegistry, dialect: Dialect = 'jazzy') -> None:
+def register_leaves(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
     """Makes them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
     registry.register_classes([ExecuteBehavior, ReachGoal])
     for family in FAMILIES:
-        register_dialects(registry, family.NODES, dialect)
+        register_branches(registry, family.NODES, nav2_branch)

@@ -93,7 +93,7 @@ class CancelFollowObject(CancelAction):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     default_action = names.FOLLOW_OBJECT
 
 
@@ -114,7 +114,7 @@ class ToggleCollisionMonitor(ServiceLeaf):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     service_type = srv.Toggle
     default_service = 'collision_monitor/toggle'
     ports = SERVICE_PORTS | {'enable': input_port(BOOL, default='true', description='whether it is to be on')}

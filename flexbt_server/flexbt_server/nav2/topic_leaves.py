@@ -85,7 +85,7 @@ class CheckStopStatus(StatefulAction):
 
     __slots__ = ('_cache', '_since')
 
-    variant = 'main'
+    nav2_branch = 'main'
     goes_on = ''
     skill = Skill.measuring(Predicate('stopped', sensor=ConditionSensor('CheckStopStatus')))
     ports = {
@@ -254,7 +254,7 @@ class PathHandlerSelector(_Selector):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     selected, default = 'selected_path_handler', 'default_path_handler'
     ports = _selector_ports('path_handler')
 

@@ -46,7 +46,7 @@ class BtServer:
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         logger = runtime.node.get_logger()
         registry = node_registry(
-            lambda nodes, error: logger.error(f'{nodes} not added: {error!r}'), parameters.nav2_dialect
+            lambda nodes, error: logger.error(f'{nodes} not added: {error!r}'), parameters.nav2_branch
         )
         if parameters.publish_statuses:
             acceleration().prepare(registry.node_classes)

@@ -14,7 +14,7 @@ from flexbt_common.cli import home_path
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime import ParameterDeclarer
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
 from flexbt_core.monitors import Monitoring
 from flexbt_server.errors import ServerParameterError
@@ -46,7 +46,7 @@ class ServerParameters:
     default_tree: str
     preload: tuple[str, ...]
     allowed_directories: tuple[Path, ...]
-    nav2_dialect: Dialect
+    nav2_branch: Nav2Branch
     tick_rate: float
     feedback_rate: float
     server_timeout: float
@@ -88,11 +88,13 @@ def declare_parameters(node: Node) -> ServerParameters:
         if not directory.is_absolute():
             raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
     written = declare.text(
-        'nav2_dialect', 'jazzy', f'branch of Nav2 of the trees that do not show it themselves: {", ".join(DIALECTS)}'
+        'nav2_branch',
+        'jazzy',
+        f'branch of Nav2 of the trees that do not show it themselves: {", ".join(NAV2_BRANCHES)}',
     )
-    dialect = next((known for known in DIALECTS if known == written), None)
-    if dialect is None:
-        raise ServerParameterError(f"parameter 'nav2_dialect': {written!r} is not one of {', '.join(DIALECTS)}")
+    branch = next((known for known in NAV2_BRANCHES if known == written), None)
+    if branch is None:
+        raise ServerParameterError(f"parameter 'nav2_branch': {written!r} is not one of {', '.join(NAV2_BRANCHES)}")
     written = declare.text('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty')
     btlog_directory = home_path(written) if written else None
     if btlog_directory is not None and not btlog_directory.is_absolute():
@@ -101,7 +103,7 @@ def declare_parameters(node: Node) -> ServerParameters:
         default_tree=declare.text('default_tree', '', 'tree of a goal that names none: ID or package/path.xml'),
         preload=declare.texts('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
         allowed_directories=directories,
-        nav2_dialect=dialect,
+        nav2_branch=branch,
         tick_rate=declare.real(
             'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
         ),

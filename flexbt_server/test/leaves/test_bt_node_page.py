@@ -15,7 +15,7 @@ from types import ModuleType
 import pytest
 
 from flexbt_core.behavior_tree import Blackboard, Tree, TreeLibrary, TreeNode, load_xml, nodes
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
 from flexbt_core.clock import ManualClock
 from flexbt_server import leaves, nav2
 from flexbt_server.node_types import node_registry
@@ -42,7 +42,7 @@ def test_every_node_of_the_engine_has_an_example() -> None:
 def test_every_node_class_but_bases_is_registered_under_the_name_that_it_declares() -> None:
     found = {node_class for room in (nodes, leaves, nav2) for node_class in node_classes(room)}
     bases = {base for node_class in found for base in node_class.__mro__[1:]}
-    named = {manifest.node_class: manifest.id for dialect in DIALECTS for manifest in node_registry(fail, dialect)}
+    named = {manifest.node_class: manifest.id for branch in NAV2_BRANCHES for manifest in node_registry(fail, branch)}
     for node_class in found - bases:
         if inspect.isabstract(node_class):
             continue

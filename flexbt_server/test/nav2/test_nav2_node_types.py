@@ -11,7 +11,7 @@ import pytest
 
 from flexbt_core.behavior_tree import Port
 from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_server.node_types import node_registry
 
@@ -189,7 +189,7 @@ def facts() -> Iterator[tuple[str, Node]]:
     for line in text.splitlines():
         head, _, told = line.partition(':')
         where, kind, id = head.split()
-        branches = DIALECTS if where == 'both' else (where,)
+        branches = NAV2_BRANCHES if where == 'both' else (where,)
         for base, its in BASES.items():
             told = told.replace(base, its)
         yield id, Node(branches, kind, dict(port_facts(told, branches)))
@@ -211,11 +211,11 @@ def fail(point: str, error: Exception) -> None:
     raise error
 
 
-REGISTRIES: Final = {dialect: node_registry(fail, dialect) for dialect in DIALECTS}
+REGISTRIES: Final = {branch: node_registry(fail, branch) for branch in NAV2_BRANCHES}
 
 
 def test_the_branches_have_so_many_node_types() -> None:
-    assert [sum(branch in node.branches for node in FACTS.values()) for branch in DIALECTS] == [65, 81]
+    assert [sum(branch in node.branches for node in FACTS.values()) for branch in NAV2_BRANCHES] == [65, 81]
 
 
 def test_what_only_one_branch_has_says_so() -> None:
@@ -224,10 +224,10 @@ def test_what_only_one_branch_has_says_so() -> None:
             manifest = registry.get(id)
             assert manifest is not None
             only = node.branches[0] if len(node.branches) == 1 else ''
-            assert manifest.variant == only, id
+            assert manifest.nav2_branch == only, id
             assert (f' (Nav2 {only} only)' in manifest.documentation) == bool(only), id
             # The message of an error is a port of every action here.
-            told = {name: port.variant for name, port in manifest.ports.items() if port.variant}
+            told = {name: port.nav2_branch for name, port in manifest.ports.items() if port.nav2_branch}
             assert told == {
                 name: fact.branches[0]
                 for name, fact in node.ports.items()
@@ -255,7 +255,7 @@ PLAIN = '<BehaviorTree ID="T"><RoundRobin>{}<AlwaysSuccess/></RoundRobin></Behav
 ])  # fmt: skip
 def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, branch: str | None) -> None:
     root = parse(Source('f', f'<root BTCPP_format="4" {attributes}>{trees}</root>'))
-    assert {registry.variant_of(elements_of(root)) for registry in REGISTRIES.values()} == {branch}
+    assert {registry.nav2_branch_of(elements_of(root)) for registry in REGISTRIES.values()} == {branch}
 
 
 def test_a_port_that_somebodys_class_inherits_shows_no_branch() -> None:
@@ -266,19 +266,19 @@ def test_a_port_that_somebodys_class_inherits_shows_no_branch() -> None:
     own = '<MySpin disable_collision_checks="true"/>'
     for nodes, branch in ((own, None), (own + '<IsPathValid/>', 'jazzy'), (own + '<IsGoalNearby/>', 'main')):
         root = parse(Source('f', f'<root BTCPP_format="4">{PLAIN.format(nodes)}</root>'))
-        assert registry.variant_of(elements_of(root)) == branch
+        assert registry.nav2_branch_of(elements_of(root)) == branch
 
 
-@pytest.mark.parametrize('dialect', DIALECTS)
+@pytest.mark.parametrize('branch', NAV2_BRANCHES)
 @pytest.mark.parametrize('id', FACTS)
-def test_a_node_type_is_that_of_nav2(id: str, dialect: Dialect) -> None:
-    """Each dialect has the nodes and the ports of both: what the other branch lacks is no error in a file."""
-    manifest = REGISTRIES[dialect].get(id)
+def test_a_node_type_is_that_of_nav2(id: str, branch: Nav2Branch) -> None:
+    """Each branch has the nodes and the ports of both: what the other branch lacks is no error in a file."""
+    manifest = REGISTRIES[branch].get(id)
     assert manifest is not None
     assert manifest.kind.value == FACTS[id].kind
     ours = {name: described(port) for name, port in manifest.ports.items() if (id, name) not in OURS}
     theirs = {
-        name: (fact.direction, TYPES[fact.type], OUR_DEFAULTS.get((dialect, id, name), fact.default))
+        name: (fact.direction, TYPES[fact.type], OUR_DEFAULTS.get((branch, id, name), fact.default))
         for name, fact in FACTS[id].ports.items()
     }
     pure = manifest.node_class.__module__.startswith('flexbt_core.')  # which has no types of ROS

@@ -97,13 +97,13 @@ def test_speed_controller_begins_its_child_the_more_often_the_faster_the_robot_i
     cancel(goal)
 
 
-@pytest.mark.parametrize(('dialect', 'stamp', 'taken'), [
+@pytest.mark.parametrize(('branch', 'stamp', 'taken'), [
     ('jazzy', 6, True), ('jazzy', 5, False), ('jazzy', 4, False), ('main', 5, True), ('main', 4, False),
 ])  # fmt: skip
-def test_goal_updater_takes_a_newer_goal(dialect: str, stamp: int, taken: bool) -> None:
+def test_goal_updater_takes_a_newer_goal(branch: str, stamp: int, taken: bool) -> None:
     given, other = pose(1.0), pose(2.0)
     given.header.stamp.sec, other.header.stamp.sec = 5, stamp
-    with open_world(nav2_dialect=dialect, tick_rate=50.0) as world:
+    with open_world(nav2_branch=branch, tick_rate=50.0) as world:
         world.client.load_tree(
             '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" output_goal="{new}">'
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
@@ -119,7 +119,7 @@ def test_goal_updater_takes_a_newer_goal(dialect: str, stamp: int, taken: bool) 
 
 
 def test_goals_to_pass_are_updated_in_main() -> None:
-    with open_world(nav2_dialect='main', tick_rate=50.0) as world:
+    with open_world(nav2_branch='main', tick_rate=50.0) as world:
         world.client.load_tree(
             '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" input_goals="{goals}" output_goals="{new}">'
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
@@ -174,9 +174,9 @@ def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
     cancel(goal)
 
 
-def test_an_unknown_dialect_is_refused() -> None:
+def test_an_unknown_branch_is_refused() -> None:
     with (
-        pytest.raises(ServerParameterError, match="'nav2_dialect': 'humble' is not one of jazzy, main"),
-        open_world(nav2_dialect='humble'),
+        pytest.raises(ServerParameterError, match="'nav2_branch': 'humble' is not one of jazzy, main"),
+        open_world(nav2_branch='humble'),
     ):
         pass

@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
 from flexbt_core.behavior_tree import NodeDefinition, load_xml
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
@@ -147,9 +147,9 @@ CASES: Any = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize('branch', DIALECTS)
+@pytest.mark.parametrize('branch', NAV2_BRANCHES)
 @pytest.mark.parametrize('case', CASES)
-def test_counts_of_the_default_tree(case: str, branch: Dialect) -> None:
+def test_counts_of_the_default_tree(case: str, branch: Nav2Branch) -> None:
     """On simulated time, which stands still unless the test moves it: however slow the machine is, nothing is planned
     once more meanwhile."""
     failures, code, *expected = CASES[case]
@@ -174,11 +174,11 @@ def test_counts_of_the_default_tree(case: str, branch: Dialect) -> None:
         assert result.code == code, result.message
         order = ('compute', 'follow', 'spin', 'wait', 'backup', 'clear global', 'clear local')
         seen = counts(world)
-        assert [seen[name] for name in order] == expected[DIALECTS.index(branch)]
+        assert [seen[name] for name in order] == expected[NAV2_BRANCHES.index(branch)]
 
 
-@pytest.mark.parametrize('branch', DIALECTS)
-def test_a_path_is_planned_once_a_second_of_simulated_time_at_any_speed(branch: Dialect) -> None:
+@pytest.mark.parametrize('branch', NAV2_BRANCHES)
+def test_a_path_is_planned_once_a_second_of_simulated_time_at_any_speed(branch: Nav2Branch) -> None:
     """Nav2's RateController goes by the machine: at 20 times real time it plans every 20 s."""
     id, tree = TREES[branch]
     with open_world(use_sim_time=True) as world:
@@ -200,8 +200,8 @@ def test_a_path_is_planned_once_a_second_of_simulated_time_at_any_speed(branch: 
 STOCK = 'navigate_to_pose_w_replanning_and_recovery.xml'
 
 
-@pytest.mark.parametrize('branch', [branch for branch in DIALECTS if stock_trees(branch)])
-def test_these_trees_are_those_of_nav2_node_by_node(branch: Dialect) -> None:
+@pytest.mark.parametrize('branch', [branch for branch in NAV2_BRANCHES if stock_trees(branch)])
+def test_these_trees_are_those_of_nav2_node_by_node(branch: Nav2Branch) -> None:
     def shape(node: NodeDefinition) -> Any:
         return node.manifest.id, [shape(child) for child in node.children]
 

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from flexbt_common import names
 from flexbt_core.behavior_tree import load_xml
 from flexbt_core.behavior_tree.model import Source
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_msgs.action import BtExecute
 from flexbt_server.node_types import node_registry
@@ -24,8 +24,8 @@ from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = BtExecute.Result
 
-TREES: Final = {(branch, name): text for branch in DIALECTS for name, text in stock_trees(branch).items()}
-REGISTRIES: Final = {dialect: node_registry(lambda _source, _error: None, dialect) for dialect in DIALECTS}
+TREES: Final = {(branch, name): text for branch in NAV2_BRANCHES for name, text in stock_trees(branch).items()}
+REGISTRIES: Final = {branch: node_registry(lambda _source, _error: None, branch) for branch in NAV2_BRANCHES}
 NEVER_END: Final = 'follow_point.xml'
 THROUGH_POSES: Final = 'navigate_through_poses_w_replanning_and_recovery.xml'
 
@@ -52,16 +52,16 @@ def world(files: Path) -> Iterator[World]:
 
 
 def test_there_are_all_of_them() -> None:
-    assert [sum(branch == of for of, _ in TREES) for branch in DIALECTS] == [12, 15]
+    assert [sum(branch == of for of, _ in TREES) for branch in NAV2_BRANCHES] == [12, 15]
 
 
 @pytest.mark.parametrize(('branch', 'name'), TREES)
-def test_a_file_shows_its_branch(branch: Dialect, name: str) -> None:
-    assert REGISTRIES[branch].variant_of(elements_of(parse(Source(name, TREES[branch, name])))) == branch
+def test_a_file_shows_its_branch(branch: Nav2Branch, name: str) -> None:
+    assert REGISTRIES[branch].nav2_branch_of(elements_of(parse(Source(name, TREES[branch, name])))) == branch
 
 
 @pytest.mark.parametrize(('branch', 'name'), TREES)
-def test_it_runs_as_it_is(world: World, files: Path, branch: Dialect, name: str) -> None:
+def test_it_runs_as_it_is(world: World, files: Path, branch: Nav2Branch, name: str) -> None:
     number = 3 if name == THROUGH_POSES else 1
     goals = [pose(one + 1) for one in range(number)]
     goal = world.client.execute(str(files / branch / name), goals=goals, blackboard=f'{branch} {name}')

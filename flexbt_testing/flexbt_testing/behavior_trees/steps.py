@@ -34,7 +34,7 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     load_xml,
 )
-from flexbt_core.behavior_tree.nodes.nav2 import Dialect, register_nav2
+from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_nav2
 from flexbt_core.clock import ManualClock
 
 PATIENCE = 10.0
@@ -71,21 +71,23 @@ class Step(StatefulAction):
 def make(
     body: str,
     clock: ManualClock | None = None,
-    dialect: Dialect = 'jazzy',
+    branch: Nav2Branch = 'jazzy',
     extra: Sequence[type[TreeNode]] = (),
     enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
     """The tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    library = TreeLibrary([load_xml(text, 'f', _registry(dialect, tuple(extra), tuple(enums.items())))])
+    library = TreeLibrary([load_xml(text, 'f', _registry(branch, tuple(extra), tuple(enums.items())))])
     return Tree(library, 'Main', clock=clock or ManualClock(), services=calls), calls
 
 
 @functools.cache
-def _registry(dialect: Dialect, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]) -> NodeRegistry:
+def _registry(
+    branch: Nav2Branch, extra: tuple[type[TreeNode], ...], enums: tuple[tuple[str, int], ...]
+) -> NodeRegistry:
     registry = builtin_registry()
-    register_nav2(registry, dialect)
+    register_nav2(registry, branch)
     registry.register_classes((Step, *extra))
     for name, number in enums:
         registry.scripts.register_enum(name, number)
@@ -103,9 +105,9 @@ def control(tag: str, *scripts: str, **ports: str) -> str:
     return f'<{tag}{attributes} name="top">{children}</{tag}>'
 
 
-def check(body: str, expected: str, dialect: Dialect = 'jazzy') -> Tree:
+def check(body: str, expected: str, branch: Nav2Branch = 'jazzy') -> Tree:
     """Asserts that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
-    tree, calls = make(body, dialect=dialect)
+    tree, calls = make(body, branch=branch)
     for number, text in enumerate(expected.split('|')):
         words = text.split()
         while '=' in words[0] or words[0].startswith('-'):

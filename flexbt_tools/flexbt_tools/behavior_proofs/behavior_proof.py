@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import TreeKey
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.exploration import (
     DEFAULT_CONFIGURATIONS,
     Bounds,
@@ -131,7 +131,7 @@ def replay_behavior(
     configurations: int = DEFAULT_CONFIGURATIONS,
     trees: Sequence[str] = (),
     models: Sequence[str] = (),
-    nav2_dialect: Dialect = DIALECTS[0],
+    nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
@@ -146,7 +146,7 @@ def replay_behavior(
     machine = behavior.machine
     if machine is None:
         raise UsageError('\n'.join(behavior.problems))
-    registry = node_registry(lambda source, error: None, nav2_dialect)
+    registry = node_registry(lambda source, error: None, nav2_branch)
     read_models(models, registry)
     used = used_trees(machine, trees, OpenRegistry(registry))
     if tree:

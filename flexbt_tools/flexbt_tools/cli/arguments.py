@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from flexbt_core.behavior_tree import NodeRegistry, TreeKey, TreeLibrary, node_skills
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
 from flexbt_core.skills import SkillLibrary
 from flexbt_core.values import one_line
 from flexbt_server.node_types import node_registry
@@ -39,7 +39,7 @@ def add_file(parser: argparse.ArgumentParser) -> None:
 
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
-    """Which node types are known: ``options.models``, ``options.nav2_dialect``, ``options.allow_unknown``."""
+    """Which node types are known: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
     parser.add_argument(
         '--models',
         metavar='FILE',
@@ -48,9 +48,9 @@ def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = Tru
         help='XML file whose <TreeNodesModel> describes node types that are not installed here; repeatable',
     )
     parser.add_argument(
-        '--nav2-dialect',
-        choices=DIALECTS,
-        default=DIALECTS[0],
+        '--nav2-branch',
+        choices=NAV2_BRANCHES,
+        default=NAV2_BRANCHES[0],
         help='branch of Nav2 for which files were written that do not show it themselves (default: %(default)s)',
     )
     if allow_unknown:
@@ -110,7 +110,7 @@ def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistr
     """
     known = node_registry(
         lambda nodes, error: print(one_line(f'note: without {nodes}: {error}'), file=sys.stderr),
-        options.nav2_dialect,
+        options.nav2_branch,
     )
     read_models(options.models, known)
     return OpenRegistry(known) if allow_unknown else known

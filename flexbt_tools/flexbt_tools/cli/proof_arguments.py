@@ -9,7 +9,7 @@ import sys
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, Final
 
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
 from flexbt_core.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Counterexample, Report
 from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
 from flexbt_core.values import one_line
@@ -143,10 +143,10 @@ def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
 
 def node_settings(options: argparse.Namespace) -> dict[str, Any]:
     """What :func:`arguments.add_node_types` has told, for a saved test."""
-    is_usual = options.nav2_dialect == DIALECTS[0]
+    is_usual = options.nav2_branch == NAV2_BRANCHES[0]
     return {
         'models': [File(file) for file in options.models],
-        'nav2_dialect': '' if is_usual else options.nav2_dialect,
+        'nav2_branch': '' if is_usual else options.nav2_branch,
     }
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import LoadError, NodeKind, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.exploration import (
     Limits,
     Progress,
@@ -154,14 +154,14 @@ def replay_tree(
     given: Iterable[str] = (),
     require: Sequence[str] = (),
     models: Sequence[str] = (),
-    nav2_dialect: Dialect = DIALECTS[0],
+    nav2_branch: Nav2Branch = NAV2_BRANCHES[0],
 ) -> list[Violation]:
     """What is wrong on a way that a proof has found, as a saved test has it. Nothing, when that way is closed.
 
     ``models`` are files that describe node types. Raises RefusedError or LookupError when there are no such files, or
     no such tree.
     """
-    registry = node_registry(lambda source, error: None, nav2_dialect)
+    registry = node_registry(lambda source, error: None, nav2_branch)
     read_models(models, registry)
     library = read_library(files, OpenRegistry(registry))
     key = library.find(tree)

@@ -146,7 +146,7 @@ class OpenRegistry(NodeRegistry):
     def __init__(self, known: NodeRegistry) -> None:
         super().__init__()
         self.scripts = known.scripts
-        self.variants, self.variant_of = known.variants, known.variant_of
+        self.nav2_branches, self.nav2_branch_of = known.nav2_branches, known.nav2_branch_of
         self._manifests.update((manifest.id, manifest) for manifest in known)
 
     def get(self, id: str) -> NodeManifest | None:

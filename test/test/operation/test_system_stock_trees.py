@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
-from flexbt_core.behavior_tree.nodes.nav2 import DIALECTS, Dialect
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
 from flexbt_testing.nodes.sent_goal import SentGoal
@@ -35,11 +35,11 @@ from flexbt_testing.waiting import DEADLINE, wait_until
 class Tree(NamedTuple):
     """A file of a branch."""
 
-    branch: Dialect
+    branch: Nav2Branch
     name: str
 
 
-TREES: Final = {Tree(branch, name): text for branch in DIALECTS for name, text in stock_trees(branch).items()}
+TREES: Final = {Tree(branch, name): text for branch in NAV2_BRANCHES for name, text in stock_trees(branch).items()}
 pytestmark = pytest.mark.skipif(not TREES, reason='there is no clone of ros-navigation/navigation2')
 
 FOLLOW_POINT: Final = 'follow_point.xml'

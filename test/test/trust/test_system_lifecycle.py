@@ -94,11 +94,11 @@ def test_a_signal_ends_a_process_that_is_not_active(
 def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
     stack: Stack, runtime: NodeRuntime
 ) -> None:
-    wrong = {'nav2_dialect': 'humble', 'use_sim_time': 'false'}
+    wrong = {'nav2_branch': 'humble', 'use_sim_time': 'false'}
     stack.start('bt_server', wrong)
     ending = stack.end('bt_server', signal.SIGCONT, 60.0)
     assert ending.exit_code == 1
-    assert "cannot start: parameter 'nav2_dialect': 'humble' is not one of" in ending.output
+    assert "cannot start: parameter 'nav2_branch': 'humble' is not one of" in ending.output
     stack.start('bt_server', {'autostart': 'false', **wrong})
     manager = LifecycleClient(runtime, 'bt_server')
     for _ in range(2):

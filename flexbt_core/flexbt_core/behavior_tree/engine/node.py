@@ -101,10 +101,10 @@ class TreeNode(ABC):
     kind: ClassVar[NodeKind]
     xml_name: ClassVar[str]
     """What XML calls nodes of just this class, where that is not the name of the class."""
-    variant: ClassVar[str] = ''
-    """The variant of files that just this class is for (see ``NodeRegistry``); '' if it is for all.
+    nav2_branch: ClassVar[str] = ''
+    """The branch of Nav2 that just this class is for (see ``NodeRegistry``); '' if it is for all.
 
-    Of two classes with one ID each is for another variant; where there is but one, that variant alone has such nodes.
+    Of two classes with one ID each is for another branch; where there is but one, that branch alone has such nodes.
     """
     example: ClassVar[Example | None] = None
     """A tree that shows what nodes of just this class do: one that derives from it has its own, or none."""

@@ -35,17 +35,17 @@ Elements = Iterable[tuple[str, Mapping[str, str]]]
 class NodeRegistry:
     """Node types by the ID that XML uses. Each host makes its own, see ``builtin_registry``.
 
-    A file may be written for a variant, a branch of Nav2, in which some IDs mean other node types. ``variant_of`` says
-    for which, by the elements of the file; None and a variant of which nothing is known are the types as they are
+    A file may be written for a branch of Nav2 in which some IDs mean other node types. ``nav2_branch_of`` says for
+    which, by the elements of the file; None and a branch of which nothing is known are the types as they are
     registered.
     """
 
     def __init__(self, scripts: ScriptLibrary | None = None) -> None:
         """``scripts`` has the enum constants that scripts know."""
         self._manifests: dict[str, NodeManifest] = {}
-        self.variants: dict[str, dict[str, NodeManifest]] = {}
-        """What IDs mean in a variant, where that is something else."""
-        self.variant_of: Callable[[Elements], str | None] = lambda elements: None
+        self.nav2_branches: dict[str, dict[str, NodeManifest]] = {}
+        """What IDs mean in a branch, where that is something else."""
+        self.nav2_branch_of: Callable[[Elements], str | None] = lambda elements: None
         self.on_clash: Callable[[str, RegistrationError], None] | None = None
         """Is told of an ID that is taken, and what has it stays; without this, ``register`` raises the error."""
         self.scripts = scripts if scripts is not None else ScriptLibrary()
@@ -107,22 +107,22 @@ class NodeRegistry:
         for node_class in node_classes:
             self.register_class(node_class)
 
-    def register_class(self, node_class: type[TreeNode], variant: str = '', *, only: str = '') -> None:
-        """Makes a class known under the name that it declares; in one ``variant`` if that is given, where the ID means
-        something else. ``only`` is the variant that alone has such nodes. Raises RegistrationError, as :meth:`register`
-        does."""
-        manifests = self.variants.setdefault(variant, {}) if variant else self._manifests
+    def register_class(self, node_class: type[TreeNode], nav2_branch: str = '', *, only: str = '') -> None:
+        """Makes a class known under the name that it declares; in one ``nav2_branch`` if that is given, where the ID
+        means something else. ``only`` is the branch that alone has such nodes. Raises RegistrationError, as
+        :meth:`register` does."""
+        manifests = self.nav2_branches.setdefault(nav2_branch, {}) if nav2_branch else self._manifests
         self._register(declared_id(node_class), node_class, manifests, only)
 
-    def types_for(self, elements: Elements) -> NodeRegistry | VariantTypes:
+    def types_for(self, elements: Elements) -> NodeRegistry | BranchTypes:
         """The node types of a file that has these elements."""
-        variant = self.variants.get(self.variant_of(elements) or '')
-        return self if variant is None else VariantTypes(self, variant)
+        others = self.nav2_branches.get(self.nav2_branch_of(elements) or '')
+        return self if others is None else BranchTypes(self, others)
 
     @property
     def node_classes(self) -> Iterator[type[TreeNode]]:
-        """All classes, those of variants too."""
-        for manifests in (self._manifests, *self.variants.values()):
+        """All classes, those of branches of Nav2 too."""
+        for manifests in (self._manifests, *self.nav2_branches.values()):
             yield from (manifest.node_class for manifest in manifests.values())
 
     def get(self, id: str) -> NodeManifest | None:
@@ -142,7 +142,7 @@ class NodeRegistry:
         return len(self._manifests)
 
 
-class VariantTypes:
+class BranchTypes:
     """The node types of a registry, some of which are others."""
 
     def __init__(self, registry: NodeRegistry, others: Mapping[str, NodeManifest]) -> None:

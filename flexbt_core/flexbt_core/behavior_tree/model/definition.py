@@ -11,7 +11,7 @@ from .blackboard import Blackboard
 from .errors import LoadError
 from .example import Example
 from .outcomes import Outcomes
-from .ports import Port, PortDirection, PortValue, with_variant
+from .ports import Port, PortDirection, PortValue, with_branch
 from .source import Source
 from .status import NodeKind
 
@@ -29,14 +29,14 @@ class NodeManifest:
     ports: Mapping[str, Port]
     children: tuple[int, int | None]
     description: str
-    variant: str = ''
-    """The variant of files (see ``NodeRegistry``) that alone has such nodes; '' if all have them."""
+    nav2_branch: str = ''
+    """The branch of Nav2 (see ``NodeRegistry``) that alone has such nodes; '' if all have them."""
 
     @property
     def documentation(self) -> str:
         """The description, whose first paragraph tells the branch of Nav2 that alone has such nodes."""
         summary, *rest = self.description.split('\n\n')
-        return '\n\n'.join((with_variant(summary, self.variant), *rest))
+        return '\n\n'.join((with_branch(summary, self.nav2_branch), *rest))
 
     @property
     def example(self) -> Example | None:

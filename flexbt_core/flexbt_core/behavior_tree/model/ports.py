@@ -25,9 +25,9 @@ class _NoDefault(Enum):
 NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
 
 
-def with_variant(text: str, variant: str) -> str:
+def with_branch(text: str, nav2_branch: str) -> str:
     """The text, and the branch of Nav2 that alone has what it describes; '' if all have it."""
-    return f'{text} (Nav2 {variant} only)'.lstrip() if variant else text
+    return f'{text} (Nav2 {nav2_branch} only)'.lstrip() if nav2_branch else text
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Port:
     ``type`` None accepts every type. ``default`` is used when the XML does not give the port: text as it could stand in
     the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
     ``literal`` is the type of a literal where that is more than ``type`` says, such as when a pointer may be to an
-    entry of any type. Its values have to be immutable. ``variant`` is the one for which a file has to be written that
-    gives the port (see ``NodeRegistry``); '' where it may be any.
+    entry of any type. Its values have to be immutable. ``nav2_branch`` is the branch of Nav2 for which a file that
+    gives the port has to be written (see ``NodeRegistry``); '' where it may be any.
     """
 
     direction: PortDirection
@@ -47,12 +47,12 @@ class Port:
     description: str = ''
     required: bool = False
     literal: PortType | None = None
-    variant: str = ''
+    nav2_branch: str = ''
 
     @property
     def documentation(self) -> str:
         """The description, and the branch of Nav2 that alone has the port."""
-        return with_variant(self.description, self.variant)
+        return with_branch(self.description, self.nav2_branch)
 
     @property
     def readable(self) -> bool:
@@ -70,20 +70,20 @@ def input_port(
     description: str = '',
     optional: bool = False,
     literal: PortType | None = None,
-    variant: str = '',
+    nav2_branch: str = '',
 ) -> Port:
     """A port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
     return Port(
-        PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal, variant
+        PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal, nav2_branch
     )
 
 
 def output_port(
-    type: PortType | None = None, *, default: str | None = None, description: str = '', variant: str = ''
+    type: PortType | None = None, *, default: str | None = None, description: str = '', nav2_branch: str = ''
 ) -> Port:
     """A port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
     written = NO_DEFAULT if default is None else default
-    return Port(PortDirection.OUTPUT, type, written, description, variant=variant)
+    return Port(PortDirection.OUTPUT, type, written, description, nav2_branch=nav2_branch)
 
 
 def inout_port(
@@ -93,11 +93,11 @@ def inout_port(
     description: str = '',
     optional: bool = False,
     literal: PortType | None = None,
-    variant: str = '',
+    nav2_branch: str = '',
 ) -> Port:
     """A port that the node reads and writes."""
     return Port(
-        PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal, variant
+        PortDirection.INOUT, type, default, description, default is NO_DEFAULT and not optional, literal, nav2_branch
     )
 
 

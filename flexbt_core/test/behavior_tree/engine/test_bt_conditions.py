@@ -300,7 +300,7 @@ def test_a_node_with_post_conditions_has_the_same_statuses_when_nobody_looks(man
         scripts = [''.join(draw.choice('SFRK') for _ in range(draw.randint(1, 3))) for _ in range(count)]
         children = ''.join(leaf(letters, number) for number, letters in enumerate(scripts))
         body = f'<{manifest.id}{ports} _post="z = 1" name="top">{children}</{manifest.id}>'
-        seen, unseen = (make(body, dialect='main')[0] for _ in range(2))
+        seen, unseen = (make(body, branch='main')[0] for _ in range(2))
         seen.observe(lambda *_: None)
         for _ in range(6):
             n, z, halts = draw.randint(1, 3), draw.choice(('set', 'unset')), draw.random() < 0.3

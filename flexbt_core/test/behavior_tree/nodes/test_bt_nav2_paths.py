@@ -29,7 +29,7 @@ from flexbt_core.behavior_tree.nodes.nav2 import (
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
-# Tree, and what happens to it in the dialect main (the notation of flexbt_testing.behavior_trees.steps).
+# Tree, and what happens to it in the branch main (the notation of flexbt_testing.behavior_trees.steps).
 MAIN: list[tuple[str, str]] = [
     # The last child ends it, and fails even when it succeeds; Nav2's own test of this has the same counts.
     (control('RoundRobin', 'S', 'S', 'S'), 'S 0S | S 1S | F 2S | S 0S'),
@@ -58,7 +58,7 @@ def test_tick_by_tick_as_in_main(body: str, expected: str) -> None:
     check(body, expected, 'main')
 
 
-def test_nodes_of_main_are_there_in_the_dialect_jazzy_too_but_round_robin_goes_round() -> None:
+def test_nodes_of_main_are_there_in_the_branch_jazzy_too_but_round_robin_goes_round() -> None:
     check(control('NonblockingSequence', 'S', 'S'), 'S 0S 1S')
     check(control('RoundRobin', 'S', 'S', wrap_around='false'), 'S 0S | F 1S')
     check(control('RoundRobin', 'S', 'S'), 'S 0S | S 1S | S 0S')
@@ -91,7 +91,7 @@ def test_files_of_both_branches_run_side_by_side_each_with_its_nodes() -> None:
 
 def test_a_round_that_is_over_is_its_own_reason_and_a_failed_child_is_another() -> None:
     for scripts, path in ((('F', 'S'), 'top'), (('F', 'F'), 'F_1'), (('S', 'K'), 'top')):
-        tree, _ = make(control('RoundRobin', *scripts), dialect='main')
+        tree, _ = make(control('RoundRobin', *scripts), branch='main')
         while tree.tick_once() is not NodeStatus.FAILURE:
             pass
         assert tree.failure is not None

@@ -152,7 +152,7 @@ class RoundRobin(Control):
 
     __slots__ = ('_current', '_failures')
 
-    variant = 'jazzy'
+    nav2_branch = 'jazzy'
     tries_all = True
 
     ports = {
@@ -160,7 +160,7 @@ class RoundRobin(Control):
             BOOL,
             default='true',
             description='whether the first child follows the last; by default so in jazzy, not in main',
-            variant='main',
+            nav2_branch='main',
         )
     }
     example = Example(
@@ -223,7 +223,7 @@ class RoundRobinOfMain(RoundRobin):
     __slots__ = ()
 
     xml_name = 'RoundRobin'
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {'wrap_around': replace(RoundRobin.ports['wrap_around'], default='false')}
 
 

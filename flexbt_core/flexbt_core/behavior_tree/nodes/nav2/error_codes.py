@@ -64,7 +64,7 @@ class WouldARouteRecoveryHelp(AreErrorCodesPresent):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     default_codes = (400, 404, 405)
 
 

@@ -27,7 +27,7 @@ class NonblockingSequence(Control):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     runs_several = True
     example = Example(
         '<NonblockingSequence><Sleep msec="100"/><Script code="n += 1"/></NonblockingSequence>',
@@ -61,7 +61,7 @@ class PersistentSequence(Control):
 
     __slots__ = ()
 
-    variant = 'main'
+    nav2_branch = 'main'
     ports = {'current_child_idx': inout_port(INT, description='{key} of the position, from 0')}
     example = Example(
         """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The branches of Nav2 whose nodes differ, and how a file shows of which it is.
 
-A class says for which branch it is, and a port which branch alone has it: ``variant``.
+A class says for which branch it is, and a port which branch alone has it: ``nav2_branch``.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Final, Literal, get_args
 
 from flexbt_core.behavior_tree.engine import NodeRegistry, TreeNode, declared_id
 
-Dialect = Literal['jazzy', 'main']
+Nav2Branch = Literal['jazzy', 'main']
 """A branch of Nav2 whose nodes differ from the other's. Nodes and ports that only one has are known in both."""
 
-DIALECTS: Final[tuple[Dialect, ...]] = get_args(Dialect)
+NAV2_BRANCHES: Final[tuple[Nav2Branch, ...]] = get_args(Nav2Branch)
 
 JAZZY_TREE: Final = 'MainTree'
 """What Nav2's own trees in jazzy are called."""
@@ -42,7 +42,7 @@ MAIN_TREES: Final = frozenset(
 """What they are called in main."""
 
 
-class _DialectOf:
+class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
     Nodes and ports that only one branch has tell it; of ports, those of Nav2's own nodes: somebody's class that derives
@@ -57,35 +57,37 @@ class _DialectOf:
 
     def __call__(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
         told: set[str] = set()
-        named: Dialect | None = None
+        named: Nav2Branch | None = None
         for id, attributes in elements:
             if id == 'root' and attributes.get('main_tree_to_execute') == JAZZY_TREE:
                 named = 'jazzy'
             elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
                 named = 'main'
             elif (manifest := self._registry.get(id)) is not None:
-                told.add(manifest.variant)
+                told.add(manifest.nav2_branch)
                 if id in self.nodes:
-                    told.update(manifest.ports[name].variant for name in attributes.keys() & manifest.ports.keys())
-        told &= {*DIALECTS}
+                    told.update(manifest.ports[name].nav2_branch for name in attributes.keys() & manifest.ports.keys())
+        told &= {*NAV2_BRANCHES}
         if not told:
             return named
         return told.pop() if len(told) == 1 else None
 
 
-def register_dialects(registry: NodeRegistry, node_classes: Collection[type[TreeNode]], dialect: Dialect) -> None:
-    """Makes node classes known as they are in ``dialect``, and for files of another branch as they are there.
+def register_branches(
+    registry: NodeRegistry, node_classes: Collection[type[TreeNode]], nav2_branch: Nav2Branch
+) -> None:
+    """Makes node classes known as they are in ``nav2_branch``, and for files of another branch as they are there.
 
-    Of two classes of one name each is for the branch that it names, as ``variant``. One that is alone is known in both,
-    and if it names a branch, a file that uses it shows that.
+    Of two classes of one name each is for the branch that it names, as ``nav2_branch``. One that is alone is known in
+    both, and if it names a branch, a file that uses it shows that.
     """
-    if not isinstance(registry.variant_of, _DialectOf):
-        registry.variant_of = _DialectOf(registry)
+    if not isinstance(registry.nav2_branch_of, _BranchOf):
+        registry.nav2_branch_of = _BranchOf(registry)
     classes = Counter(map(declared_id, node_classes))
-    registry.variant_of.nodes.update(classes)
+    registry.nav2_branch_of.nodes.update(classes)
     for node_class in node_classes:
-        branch = vars(node_class).get('variant', '')
+        branch = vars(node_class).get('nav2_branch', '')
         if classes[declared_id(node_class)] == 1:
             registry.register_class(node_class, only=branch)
         else:
-            registry.register_class(node_class, '' if branch == dialect else branch)
+            registry.register_class(node_class, '' if branch == nav2_branch else branch)
