@@ -3,9 +3,10 @@
 
 from .control_law import ControlLaw, velocity_to
 from .dock_database import Dock, DockType, load_docks
-from .motions import DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
+from .motions import FARTHEST_STAGING, DockingLimits, DockMotion, DockState, Senses, StagingMotion, UndockMotion
 
 __all__ = [
+    'FARTHEST_STAGING',
     'ControlLaw',
     'Dock',
     'DockMotion',

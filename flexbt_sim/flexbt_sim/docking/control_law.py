@@ -16,7 +16,8 @@ class ControlLaw:
     """Gains and bounds, with the defaults of Nav2's docking server. Speeds in m/s and rad/s, the radius in m.
 
     ``slow_gain`` is k1 of the paper (k_phi), ``fast_gain`` k2 (k_delta); ``beta`` and ``exponent`` (lambda) slow the
-    robot down where the path bends. Within ``slowdown_radius`` of the pose it gets slower.
+    robot down where the path bends. Within ``slowdown_radius`` of the pose it gets slower. No bend is narrower than
+    ``turning_radius``, which is 0 for a robot that turns on the spot.
     """
 
     slow_gain: float = 3.0
@@ -27,6 +28,7 @@ class ControlLaw:
     speed: float = 0.25
     angular_speed: float = 0.75
     slowdown_radius: float = 0.25
+    turning_radius: float = 0.0
 
 
 _SMALLEST: Final = 1e-6
@@ -49,6 +51,8 @@ def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = F
         )
         / distance
     )
+    sharpest = 1.0 / law.turning_radius if law.turning_radius else math.inf
+    curvature = max(-sharpest, min(sharpest, curvature))
     speed = law.speed / (1.0 + law.beta * abs(curvature) ** law.exponent)
     speed = max(law.least_speed, min(speed, law.speed * distance / law.slowdown_radius))
     angular = max(-law.angular_speed, min(law.angular_speed, speed * curvature))

@@ -12,12 +12,15 @@ from typing import Final
 from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Motion, TurnLimits, Velocity
-from flexbt_sim.world import Pose, drive, wrap
+from flexbt_sim.world import Pose, compose, drive, inverse, wrap
 
 from .control_law import ControlLaw, velocity_to
 
 BEYOND: Final = 0.25
 """How far beyond the dock the control law is directed, m: at its very target it is arbitrary."""
+
+FARTHEST_STAGING: Final = -10.0
+"""From a dock to its staging pose at most, m."""
 
 STEP: Final = 0.2
 """Time from one collision check to the next, s."""
@@ -39,7 +42,8 @@ class DockingLimits:
     """Parameters, with the defaults of Nav2's docking server; m, rad and s.
 
     ``staging_offset``: from the dock to the staging pose, along the heading of the dock. ``docked_within`` is the
-    docking_threshold of Nav2's SimpleChargingDock.
+    docking_threshold of Nav2's SimpleChargingDock. A robot whose ``law`` has a turning radius turns nowhere on the
+    spot: it needs a ``staging_yaw_offset`` of 0.
     """
 
     staging_offset: float = -0.7
@@ -55,6 +59,17 @@ class DockingLimits:
     projection_seconds: float = 5.0
     collision_threshold: float = 0.3
     law: ControlLaw = field(default_factory=ControlLaw)
+
+    @classmethod
+    def of(cls, turning_radius: float) -> DockingLimits:
+        """For a robot. One that steers as a car does begins a turning radius before the dock, but no more than 10 m: on
+        the way it gets beside where it was by a quarter of that. It has twice the time that this takes.
+        """
+        law = ControlLaw(turning_radius=turning_radius)
+        offset = min(cls.staging_offset, max(-turning_radius, FARTHEST_STAGING))
+        return cls(
+            staging_offset=offset, approach_seconds=max(cls.approach_seconds, -2.0 * offset / law.speed), law=law
+        )
 
     def staging_pose(self, dock: Pose) -> Pose:
         """From where a dock is approached."""
@@ -176,6 +191,12 @@ class DockMotion:
         is_charged = self._charges and self._senses.is_charging()
         if is_charged or pose.distance(seen) < limits.docked_within:
             return self._enter(DockState.WAIT_FOR_CHARGE, now)
+        if _ahead(seen, pose) < -limits.docked_within:
+            raise NavigationError(
+                'FAILED_TO_CONTROL',
+                f'the robot has come past the dock, {pose.distance(seen):.2f} m beside it: approach it from farther '
+                'away (staging_x_offset), or give a greater docking_threshold',
+            )
         if spent > limits.approach_seconds:
             raise NavigationError('FAILED_TO_CONTROL', f'the dock is not reached within {limits.approach_seconds:g} s')
         target = drive(seen, BEYOND, 0.0, 1.0)
@@ -237,14 +258,14 @@ class UndockMotion:
 
 
 def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
-    """The velocity backward to a staging pose, and a turn there; None when it is reached.
+    """The velocity until the robot is as far back as a staging pose, and for a turn there; None when it is done.
 
     Raises:
         NavigationError: FAILED_TO_CONTROL.
     """
     turn = wrap(staging.yaw - pose.yaw)
-    if pose.distance(staging) < limits.linear_tolerance:
-        if abs(turn) < limits.angular_tolerance:
+    if _is_at(staging, pose, limits, backward=True):
+        if abs(turn) < limits.angular_tolerance or limits.law.turning_radius:
             return None
         return Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
     if spent > limits.approach_seconds:
@@ -254,6 +275,17 @@ def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, sp
     return velocity_to(staging, pose, limits.law, backward=True)
 
 
+def _ahead(target: Pose, pose: Pose) -> float:
+    """How far, m, the robot is before a pose, as that heads; negative beyond it."""
+    return -compose(inverse(target), pose).x
+
+
+def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -> bool:
+    """Whether the robot is as far as a pose, to one side of it or not: the control law leads no nearer from there."""
+    left = _ahead(target, pose)
+    return (-left if backward else left) <= limits.linear_tolerance
+
+
 def _collides(
     costmap: Costmap, pose: Pose, target: Pose, limits: DockingLimits, *, backward: bool, apart_from: Pose
 ) -> bool:
@@ -261,7 +293,7 @@ def _collides(
     here = pose
     for _ in range(math.ceil(limits.projection_seconds / STEP)):
         here = drive(here, *velocity_to(target, here, limits.law, backward=backward), STEP)
-        if here.distance(target) <= limits.linear_tolerance:
+        if _is_at(target, here, limits, backward=backward):
             return False
         if here.distance(apart_from) > limits.collision_threshold and costmap.in_collision(here):
             return True

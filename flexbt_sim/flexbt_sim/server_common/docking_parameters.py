@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.runtime import ParameterDeclarer
-from flexbt_sim.docking import DockingLimits
+from flexbt_sim.docking import FARTHEST_STAGING, DockingLimits
 
 
 @dataclass(frozen=True)
@@ -21,14 +22,14 @@ class DockingParameters:
     limits: DockingLimits
 
 
-def declare_docking_parameters(declare: ParameterDeclarer) -> DockingParameters:
-    """Declare the parameters and read them.
+def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float) -> DockingParameters:
+    """Declare the parameters and read them. ``turning_radius`` is that of the robot, m, 0 for none.
 
     Raises:
         UnfitParameterError: a value that cannot work.
     """
-    limits = DockingLimits()
-    return DockingParameters(
+    limits = DockingLimits.of(turning_radius)
+    docking = DockingParameters(
         database=declare.text(
             'dock_database',
             '',
@@ -46,9 +47,10 @@ def declare_docking_parameters(declare: ParameterDeclarer) -> DockingParameters:
         detection_seconds=declare.real(
             'external_detection_timeout', 1.0, 0.01, 60.0, 'for how long a detected pose counts, s'
         ),
-        limits=DockingLimits(
+        limits=replace(
+            limits,
             staging_offset=declare.real(
-                'staging_x_offset', limits.staging_offset, -10.0, 0.0, 'from a dock to its staging pose, m'
+                'staging_x_offset', limits.staging_offset, FARTHEST_STAGING, 0.0, 'from a dock to its staging pose, m'
             ),
             staging_yaw_offset=declare.real('staging_yaw_offset', 0.0, -3.2, 3.2, 'the same for the heading, rad'),
             docked_within=declare.real(
@@ -97,3 +99,10 @@ def declare_docking_parameters(declare: ParameterDeclarer) -> DockingParameters:
             ),
         ),
     )
+    if turning_radius and docking.limits.staging_yaw_offset:
+        raise UnfitParameterError(
+            'staging_yaw_offset',
+            f'{docking.limits.staging_yaw_offset:g} rad: a robot with a minimum_turning_radius ({turning_radius:g} m) '
+            'cannot turn on the spot at the staging pose; give 0',
+        )
+    return docking

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from closed_loop import Run
+from closed_loop import MODEL, Run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn
@@ -28,7 +29,7 @@ from flexbt_sim.docking import (
 )
 from flexbt_sim.errors import DockError, NavigationError
 from flexbt_sim.navigation import Velocity
-from flexbt_sim.world import OccupancyMap, Pose, wrap
+from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, wrap
 
 OPEN = drawn(*['.' * 120] * 120)
 WALLED = drawn(*['.' * 100 + '#' + '.' * 19] * 120)
@@ -41,9 +42,11 @@ PLAIN = DockingLimits()
 class Station:
     """A robot on a map with a dock, which charges it when it is at rest there."""
 
-    def __init__(self, world: OccupancyMap, start: Pose, dock: Pose = DOCK, works: bool = True) -> None:
-        self.run = Run(world, start)
-        self.costmap = Costmap(world, Inflation())
+    def __init__(
+        self, world: OccupancyMap, start: Pose, dock: Pose = DOCK, works: bool = True, model: RobotModel = MODEL
+    ) -> None:
+        self.run = Run(world, start, model)
+        self.costmap = Costmap(world, Inflation.of(model.footprint))
         self.dock = dock
         self.works = works
         self.seen: Pose | None = dock
@@ -84,6 +87,49 @@ def test_a_robot_near_the_staging_pose_gets_onto_the_dock_and_off_it(
     assert not station.is_charging
 
 
+CAR = MODELS['car']
+CAR_LIMITS = DockingLimits.of(CAR.drive.turning_radius)
+YARD = drawn(*['.' * 100 + '#' + '.' * 39] * 100, resolution=0.2)
+"""A wall at x = 20.0."""
+CAR_DOCK = Pose(20.0 - 3.4 - 0.1, 10.0, 0.0)
+"""Before the wall, with 10 cm to spare."""
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2), st.integers(0, 3))
+def test_a_car_gets_onto_the_dock_and_off_it_without_a_turn_on_the_spot(
+    ahead: float, aside: float, turned: float, late: int
+) -> None:
+    begin = CAR_LIMITS.staging_pose(CAR_DOCK)
+    station = Station(YARD, Pose(begin.x + ahead, begin.y + aside, turned), CAR_DOCK, model=CAR)
+    motion = station.docking(CAR_LIMITS)
+    done = station.run.go(motion, late)
+    assert (done.code, done.touched, motion.retries) == ('', False, 0)
+    assert station.is_charging
+    assert done.robot.pose.distance(CAR_DOCK) < CAR_LIMITS.docked_within + 0.03
+    there = done.robot.pose
+    off = station.run.go(station.undocking(CAR_LIMITS), late)
+    assert (off.code, off.touched) == ('', False)
+    assert there.distance(off.robot.pose) == pytest.approx(CAR.drive.turning_radius, abs=0.1)
+    assert abs(off.robot.pose.y - there.y) < 0.05
+    widest = 1.0 / CAR.drive.turning_radius + 1e-9
+    assert all(abs(command.angular) <= widest * abs(command.linear) for command in done.commands)
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.floats(0.4, 0.6), st.sampled_from([-1.0, 1.0]))
+def test_a_car_that_comes_past_the_dock_goes_back_and_tries_again(aside: float, side: float) -> None:
+    start = Pose(CAR_DOCK.x - 1.5, CAR_DOCK.y + side * aside, 0.0)
+    station = Station(YARD, start, CAR_DOCK, model=CAR)
+    motion = station.docking(CAR_LIMITS)
+    done = station.run.go(motion)
+    assert (done.code, done.touched, station.is_charging) == ('', False, True)
+    assert motion.retries > 0
+    near = Station(YARD, start, CAR_DOCK, model=CAR)
+    assert near.run.go(near.docking(replace(CAR_LIMITS, retries=0))).code == 'FAILED_TO_CONTROL'
+    assert not near.run.touched
+
+
 @given(st.floats(-math.pi, math.pi), st.booleans())
 def test_the_law_leads_straight_where_the_way_is_straight(yaw: float, backward: bool) -> None:
     sign = -1.0 if backward else 1.0
@@ -93,9 +139,13 @@ def test_the_law_leads_straight_where_the_way_is_straight(yaw: float, backward: 
 
 
 @settings(deadline=None, max_examples=200)
-@given(*[st.floats(-5.0, 5.0)] * 4, st.booleans())
-def test_the_law_keeps_its_bounds_anywhere(x: float, y: float, yaw: float, goal: float, backward: bool) -> None:
-    velocity = velocity_to(Pose(x, y, wrap(goal)), Pose(0.0, 0.0, wrap(yaw)), ControlLaw(), backward=backward)
+@given(*[st.floats(-5.0, 5.0)] * 4, st.booleans(), st.sampled_from([0.0, 0.5, 5.0]))
+def test_the_law_keeps_its_bounds_anywhere(
+    x: float, y: float, yaw: float, goal: float, backward: bool, radius: float
+) -> None:
+    law = ControlLaw(turning_radius=radius)
+    velocity = velocity_to(Pose(x, y, wrap(goal)), Pose(0.0, 0.0, wrap(yaw)), law, backward=backward)
+    assert abs(velocity.linear) >= radius * abs(velocity.angular) - 1e-9
     assert all(map(math.isfinite, velocity))
     assert abs(velocity.linear) <= 0.25 + 1e-9
     assert abs(velocity.angular) <= 0.75 + 1e-9

@@ -83,19 +83,21 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
 YARD = """
 plan: {rooms: [{from: [0, 0], to: [30, 20]}]}
 robots: {robot: {model: car, pose: [12, 10, 0]}}
+stations: {home: {pose: [24, 10, 0]}}
 """
 
 
-def test_a_car_drives_backward_to_what_is_behind_it(tmp_path: Path) -> None:
+def test_a_car_drives_backward_to_what_is_behind_it_and_onto_a_dock(tmp_path: Path) -> None:
     file = tmp_path / 'yard.yaml'
     file.write_text(YARD, encoding='utf-8')
     goal = (9.0, 10.5, 0.0)
-    with (
-        without_faults('lost', parameters={'world': str(file), 'robot': 'robt'}) as lost,
-        pytest.raises(FlexbtError, match="no robot 'robt'; did you mean 'robot'"),
+    car = {'use_sim_time': True, 'world': str(file), 'dock_database': str(file)}
+    for unfit, said in (
+        ({'robot': 'robt'}, "no robot 'robt'; did you mean 'robot'"),
+        ({'staging_yaw_offset': 0.5}, 'cannot turn on the spot at the staging pose; give 0'),
     ):
-        Navigation(lost)
-    car = {'use_sim_time': True, 'world': str(file)}
+        with without_faults('lost', parameters=car | unfit) as lost, pytest.raises(FlexbtError, match=said):
+            Navigation(lost)
     with (
         without_faults(names.SIMULATOR, namespace='/robot', parameters=FAST | {'world': str(file)}) as simulator,
         without_faults(names.NAVIGATION, namespace='/robot/robot', parameters=car) as node,
@@ -112,6 +114,12 @@ def test_a_car_drives_backward_to_what_is_behind_it(tmp_path: Path) -> None:
         assert max(probe.speeds(probe.sightings)) > 1.0  # nobody has told it how fast a car is
         refused = aborted(probe.send(names.SPIN, target_yaw=1.0), Spin.Result.UNKNOWN)
         assert 'minimum_turning_radius of 5 m' in refused.error_msg
+        docked = probe.send(names.DOCK_ROBOT, use_dock_id=True, dock_id='home')
+        assert docked.wait().status is GoalStatus.SUCCEEDED, docked.result
+        assert probe.wait_at_rest().distance((24.0, 10.0)) < 0.15
+        left = probe.send(names.UNDOCK_ROBOT, max_undocking_time=60.0)
+        assert left.wait().status is GoalStatus.SUCCEEDED, left.result
+        assert probe.wait_at_rest().distance((24.0, 10.0)) == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_robot_that_gets_nowhere_fails_to_make_progress() -> None:
