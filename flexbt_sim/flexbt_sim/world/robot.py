@@ -187,12 +187,18 @@ class Robot(Body):
         pose = compose(self.pose, model.pose)
         return Sensor(pose, model.angle_min, model.angle_increment, model.beams, model.range_max, number)
 
+    def draw_scan_noise(self) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_] | None]:
+        """That of the next scan, for each beam: in standard deviations, and whether it is lost, if any may be."""
+        model = self.model.lidar
+        assert model is not None
+        noise = self.lidar_noise.standard_normal(model.beams)
+        return noise, self.lidar_noise.random(model.beams) < model.dropout if model.dropout else None
+
     def see(self, time: float, ranges: NDArray[numpy.floating[Any]]) -> None:
         """Take a scan at a time, s: the exact distance along each beam, m, infinite where there is nothing."""
         model = self.model.lidar
         assert model is not None
-        noise = self.lidar_noise.standard_normal(model.beams)
-        lost = self.lidar_noise.random(model.beams) < model.dropout if model.dropout else None
+        noise, lost = self.draw_scan_noise()
         if self.scan is not None and LidarFrozen.name in self.faults:
             self.scan = Scan(time, self.scan.ranges)
             return

@@ -495,6 +495,8 @@ class World:
                 robot.next_scan = period * (math.floor(now / period + 1e-6) + 1)
                 if robot.is_scanning and robot.is_powered:
                     due.append(robot)
+                else:
+                    robot.draw_scan_noise()  # that of later scans is the same, whoever has read this one
         self._next_scan = min((one.next_scan for one in self._robots.values() if one.model.lidar), default=math.inf)
         if not due:
             return

@@ -17,7 +17,15 @@ from rclpy.qos import qos_profile_sensor_data as LOSSY
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, LaserScan
 from simulation_interfaces.action import SimulateSteps
-from simulation_interfaces.msg import Bounds, EntityCategory, EntityFilters, Result, SimulationState, TagsFilter
+from simulation_interfaces.msg import (
+    Bounds,
+    EntityCategory,
+    EntityFilters,
+    EntityState,
+    Result,
+    SimulationState,
+    TagsFilter,
+)
 from simulation_interfaces.srv import (
     DeleteEntity,
     GetEntities,
@@ -45,6 +53,7 @@ from flexbt_common.values import seconds_of
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.simulator import Simulator, built_in_map
+from flexbt_sim.world import WorldFile
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import Probe, pose, without_faults
@@ -329,6 +338,56 @@ def test_time_is_paused_stepped_and_goes_on(bench: Bench) -> None:
     assert bench.set_state(playing) == Result.RESULT_OK
     seen = len(clock)
     wait_until(lambda: len(clock) > seen + 3)
+
+
+def test_requests_at_the_same_simulated_times_give_the_same_bits_as_without_ros(bench: Bench) -> None:
+    cart = 'obstacles: {cart: {pose: [5, 3, 0], random_walk: {speed: 0.8, period: 0.5}}}'
+    robot = 'robots: {gamma: {model: burger, pose: [3, 3, 1], drive: {slip: 0.1}}}'
+    assert bench.set_state(SimulationState.STATE_STOPPED) == Result.RESULT_OK
+    world = bench.simulator.parameters.make_world()
+    before = len(world.entities)
+
+    def same_after(steps: int) -> None:
+        assert bench.ask(StepSimulation, 'step_simulation', steps=steps).result.result == Result.RESULT_OK
+        world.step(steps * world.step_size)
+        assert repr(bench.simulator.world.snapshot()) == repr(world.snapshot())
+
+    same_after(3)
+    for text in (cart, robot):
+        assert bench.spawn(text).result.result == Result.RESULT_OK
+        ((_, name, model, at),) = WorldFile(Path('spawned'), text).entities
+        world.add(name, model, at)
+    assert len(world.entities) == before + 2
+    same_after(40)
+    state = EntityState(pose=pose((7.0, 2.0, 1.0)).pose)
+    assert bench.ask(SetEntityState, 'set_entity_state', entity='beta', state=state).result.result == Result.RESULT_OK
+    world.move('beta', pose_of(state.pose))
+    drive = bench.publisher(Twist, '/gamma/cmd_vel')
+    command = Twist(linear=Vector3(x=0.2), angular=Vector3(z=0.5))
+    drive(command)
+    wait_until(lambda: bench.simulator.world.robots['gamma'].is_driven(world.time))
+    world.robots['gamma'].command(0.2, 0.5, world.time)
+    same_after(10)
+    fault = {'entity': 'gamma', 'fault': 'stuck_wheel', 'parameters': '{side: right}', 'after': 0.1, 'duration': 0.5}
+    assert bench.ask(SetFault, 'set_fault', **fault).success
+    world.set_fault('gamma', 'stuck_wheel', {'side': 'right'}, 0.1, 0.5)
+    assert bench.ask_other(SetBool, 'simulator/doors/gate', data=True).success
+    world.doors['gate'].command(True)
+    same_after(7)
+    bench.listen(LaserScan, '/gamma/scan')
+
+    def is_heard() -> bool:
+        same_after(1)
+        return bench.simulator.world.robots['gamma'].is_scanning
+
+    wait_until(is_heard)
+    assert bench.ask(DeleteEntity, 'delete_entity', entity='crate').result.result == Result.RESULT_OK
+    world.remove('crate')
+    same_after(60)
+    told, expected = (one.robots['gamma'].scan for one in (bench.simulator.world, world))
+    assert told is not None
+    assert expected is not None
+    assert (told.time, told.ranges.tobytes()) == (expected.time, expected.ranges.tobytes())
 
 
 def test_a_reset_takes_back_what_its_scope_says(bench: Bench) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy
 import pytest
@@ -20,6 +21,7 @@ from flexbt_sim.world import (
     Circle,
     DoorModel,
     DriveModel,
+    LidarModel,
     ObstacleModel,
     OccupancyMap,
     OdometryModel,
@@ -223,6 +225,91 @@ def test_a_reset_world_runs_as_before() -> None:
     first = [state.entities for state in walk(world, 100)]
     world.reset()
     assert [state.entities for state in walk(world, 100)] == first
+
+
+HALL = drawn('#' * 82, *['#' + '.' * 80 + '#'] * 80, '#' * 82)
+somebody = st.sampled_from(['alpha', 'beta', 'box', 'cart', 'gate', 'new'])
+somewhere = st.builds(Pose, st.floats(0.0, 4.1), st.floats(0.0, 4.1), st.floats(-3.0, 3.0))
+models = st.sampled_from(
+    [
+        NOISY,
+        ObstacleModel(pose=Pose(0.0, 0.0, 0.0), random_walk=WalkModel(speed=0.7, period=0.5)),
+        ObstacleModel(pose=Pose(0.0, 0.0, 0.0)),
+    ]
+)
+faults = st.sampled_from(
+    [
+        ('stuck_wheel', {'side': 'right'}),
+        ('localization_lost', {'jump': [0.3, 0.1, 0.2], 'drift': 0.1}),
+        ('lidar_blinded', {'width': 1.0}),
+        ('battery_low', {'level': 0.0}),
+        ('door_jammed', {}),
+    ]
+)
+some_time = st.sampled_from([0.0, 0.02, 0.05, 0.3])
+calls = st.one_of(
+    st.tuples(st.just('add'), somebody, models, somewhere),
+    st.tuples(st.just('remove'), somebody),
+    st.tuples(st.just('move'), somebody, somewhere),
+    st.tuples(st.just('door'), st.booleans()),
+    st.tuples(st.just('command'), somebody, st.floats(-0.3, 0.3), st.floats(-2.0, 2.0)),
+    st.tuples(st.just('set_fault'), somebody, faults, some_time, some_time),
+    st.tuples(st.just('clear_fault'), somebody),
+    st.tuples(st.just('reset')),
+)
+
+
+def serve(world: World, call: tuple[Any, ...]) -> str:
+    """Do what a service does; why it refused."""
+    what, *values = call
+    try:
+        if what == 'door':
+            if 'gate' in world.doors:
+                world.doors['gate'].command(*values)
+        elif what == 'command':
+            if values[0] in world.robots:
+                linear, angular = values[1:]
+                world.robots[values[0]].command(linear, angular, world.time)
+        elif what == 'set_fault':
+            entity, (fault, parameters), after, duration = values
+            world.set_fault(entity, fault, parameters, after, duration)
+        else:
+            getattr(world, what)(*values)
+    except SimulationError as error:
+        return str(error)
+    return ''
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.tuples(calls, st.integers(0, 12), st.booleans()), max_size=20))
+def test_services_at_the_same_simulated_times_give_the_same_bits(script: list[tuple[Any, int, bool]]) -> None:
+    """Of two worlds the second makes all steps between two calls at once, is looked at, and its scans are not always
+    read."""
+
+    def made() -> World:
+        world = World(HALL, seed=5)
+        world.add('alpha', NOISY, Pose(1.0, 1.0, 0.3))
+        world.add('beta', replace(NOISY, lidar=LidarModel(beams=40, dropout=0.2, rate=20.0)), Pose(3.0, 3.0, 1.0))
+        world.add('box', ObstacleModel(pose=Pose(3.0, 1.0, 0.0)))
+        world.add('cart', ObstacleModel(pose=Pose(1.0, 3.0, 0.0), random_walk=WalkModel(speed=0.7, period=0.5)))
+        world.add('gate', DoorModel(from_=(2.0, 1.0), to=(2.0, 2.0), automatic=True))
+        return world
+
+    one, other = made(), made()
+    for call, steps, is_read in script:
+        assert serve(one, call) == serve(other, call)
+        for robot in other.robots.values():
+            robot.is_scanning = is_read
+        for _ in range(steps):
+            one.step()
+        other.step(steps * other.step_size)
+        assert repr(other.snapshot()) == repr(one.snapshot())
+    for robot in other.robots.values():
+        robot.is_scanning = True
+    for world in (one, other):
+        world.step(0.4)
+    assert repr(other.snapshot()) == repr(one.snapshot())
+    assert scans(other) == scans(one)
 
 
 def test_the_noise_of_the_odometry_grows_with_the_way_and_has_no_bias() -> None:
