@@ -56,6 +56,7 @@ keys (`docs/tools/make_world_files.py` writes this page). How to write one:
   their order, `[[x, y], [x, y], [x, y], ...]`.
 - Names are of letters, digits and `_`, a letter first, at most 63. They are unique among all entities, for robots are
   namespaces. Places have names of their own.
+- Robots, places, stations and zones are on the map, these at least in part.
 
 Between two steps nothing is jumped over: bodies go as far as nothing is in their way, and stop there. Robots, moving
 obstacles and doors stop for each other; a moving obstacle waits, and so does a door. Sensors see all of them.

@@ -43,7 +43,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
 from flexbt_sim.errors import SimulationError, WorldError
 from flexbt_sim.ros_messages import pose_message, pose_of
-from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, Station, WorldFile, Zone, box, compose, gap
+from flexbt_sim.world import NAME, Body, Circle, Entity, Pose, Robot, Shape, WorldFile, Zone, box, compose, gap
 
 from .name_filter import NameFilter
 from .node_parts import SimulatorParts
@@ -261,7 +261,7 @@ class EntityServices:
                 matches(name)
                 and (not categories or _category(entity) in categories)
                 and _has_tags(filters.tags, (_kind(entity),))
-                and (area is None or gap(*area, *_outline(entity)) <= 0.0)
+                and (area is None or gap(*area, entity.shape, entity.pose) <= 0.0)
             ):
                 yield name
 
@@ -291,12 +291,6 @@ def _has_tags(wanted: TagsFilter, tags: tuple[str, ...]) -> bool:
         return True
     every = all if wanted.filter_mode == TagsFilter.FILTER_MODE_ALL else any
     return every(tag in tags for tag in wanted.tags)
-
-
-def _outline(entity: Entity) -> tuple[Shape, Pose]:
-    if isinstance(entity, Body):
-        return entity.shape, entity.pose
-    return (Circle(entity.model.reach) if isinstance(entity, Station) else entity.model.area), entity.pose
 
 
 def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from .descriptions import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
-from .plane import Body, Polygon, Pose, Surroundings, contains, generator
+from .plane import Body, Circle, Polygon, Pose, Shape, Surroundings, contains, generator
 
 EDGE: Final = 0.01
 """What is seen of a door that is open, m."""
@@ -154,6 +154,11 @@ class Station:
         """Where a robot has to be to be charged."""
         return self.model.pose
 
+    @property
+    def shape(self) -> Shape:
+        """Where the position of the robot may be, round its pose."""
+        return Circle(self.model.reach)
+
 
 @dataclass
 class Zone:
@@ -166,6 +171,11 @@ class Zone:
     def pose(self) -> Pose:
         """Its origin."""
         return self.model.pose
+
+    @property
+    def shape(self) -> Shape:
+        """Its area, round its origin."""
+        return self.model.area
 
     def contains(self, x: float, y: float) -> bool:
         """Whether a point is in it."""

@@ -112,6 +112,8 @@ class World:
         told = WorldFile(Path(file))
         model = told.model
         world = cls(told.map, places=told.places, seed=model.seed if seed is None else seed, step=model.step)
+        for name, pose in told.places.items():
+            told.attempt(('places', name), world._space.check_on_map, pose)
         for path, *entity in told.entities:
             told.attempt(path, world.add, *entity)
         for path, timing, parameters in told.faults:
@@ -181,7 +183,8 @@ class World:
         """Add an entity; ``pose`` is that of a robot, or in place of that of the model. Returns the entity.
 
         Raises:
-            SimulationError: the name is taken or cannot be one, the pose is missing, or there is no room.
+            SimulationError: the name is taken or cannot be one, the pose is missing, there is no room, or a station or
+                a zone is beside the map.
         """
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise SimulationError(f"'{name}' cannot be a name: give letters, digits and _, a letter first, at most 63")
@@ -193,6 +196,8 @@ class World:
         if isinstance(entity, Body):
             self._check(entity, entity.pose)
             self._bring(entity)
+        else:
+            self._space.check_on_map(entity.pose, entity.shape)
         self._entities[name] = entity
         self._of_kind(entity)[name] = entity
         self._next_scan = 0.0
@@ -252,7 +257,8 @@ class World:
         """Put a robot, an obstacle, a station or a zone somewhere, at rest; what a robot holds is taken from it.
 
         Raises:
-            SimulationError: there is none of this name, there is no room, or it is a door.
+            SimulationError: there is none of this name, there is no room, it is a door, or a station or a zone would be
+                beside the map.
         """
         entity = self._entity(name)
         if isinstance(entity, Door):
@@ -265,6 +271,7 @@ class World:
             entity.place(pose)
             self._space.changed(entity)
         elif isinstance(entity, Station | Zone):
+            self._space.check_on_map(pose, entity.shape)
             entity.model = dataclasses.replace(entity.model, pose=pose)
 
     def check_place(self, name: str, pose: Pose) -> None:

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from flexbt_sim.errors import WorldError
 from flexbt_sim.world import Circle, Pose, World
@@ -117,6 +121,14 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
         ('entity: alpha', 'entity: gate', '{entity: gate', "'gate' is a door; a robot can have it"),
         ('  cart:', '  person:', 'person: {pose: [8', 'obstacles.person: is there twice'),
         ('to: [6, 2.5]', 'to: [6, 1.5]', 'gate', 'a door of 0 m'),
+        (
+            'pose: [3, 1, 0], area',
+            'pose: [30, 1, 0], area',
+            'mud',
+            'zones.mud: (30, 1, 0) is outside of the map of 11.1 x',
+        ),
+        ('dock: {pose: [1', 'dock: {pose: [-9', 'dock', 'stations.dock: (-9, 1, 0) is outside of the map'),
+        ('kitchen: [8', 'kitchen: [80', 'kitchen', 'places.kitchen: (80, 1, 0) is outside of the map'),
     ],
 )
 def test_what_is_wrong_is_told_with_place_and_remedy(tmp_path: Path, old: str, new: str, at: str, message: str) -> None:
@@ -125,6 +137,81 @@ def test_what_is_wrong_is_told_with_place_and_remedy(tmp_path: Path, old: str, n
     found = problems(tmp_path, text)
     line, column = next(one for one in found if message in one).split(':', 2)[:2]
     assert text.splitlines()[int(line) - 1][int(column) - 1 :].startswith(at), found
+
+
+def keys(node: yaml.Node | None, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], yaml.ScalarNode]]:
+    """All keys of a document with their paths, except the names that entities, models and places are given."""
+    if isinstance(node, yaml.MappingNode):
+        for one, value in node.value:
+            if len(path) != 1 or path[0] == 'plan':
+                yield (*path, one.value), one
+            yield from keys(value, (*path, one.value))
+    elif isinstance(node, yaml.SequenceNode):
+        for number, value in enumerate(node.value):
+            yield from keys(value, (*path, str(number)))
+
+
+def test_a_typing_error_in_any_key_is_told_with_its_place_and_the_key_that_is_meant(tmp_path: Path) -> None:
+    document = list(keys(yaml.compose(WORLD)))
+    assert len(document) > 50
+    for path, node in document:
+        wrong = node.value[:-1] + 'x' + node.value[-1]
+        begin, end = node.start_mark, node.end_mark
+        found = problems(tmp_path, WORLD[: begin.index] + wrong + WORLD[end.index :])
+        where = f'{begin.line + 1}:{begin.column + 1}: {".".join([*path[:-1], wrong])}: there is no such key'
+        assert f"{where}; did you mean '{node.value}'?" in found
+
+
+def parts(node: yaml.Node | None) -> Iterator[tuple[int, int]]:
+    """From where to where each part of a document is: its keys, values, lists and mappings."""
+    if node is not None:
+        yield node.start_mark.index, node.end_mark.index
+    if isinstance(node, yaml.MappingNode | yaml.SequenceNode):
+        for child in node.value:
+            for one in child if isinstance(child, tuple) else (child,):
+                yield from parts(one)
+
+
+PARTS = list(parts(yaml.compose(WORLD)))[1:]
+WORDS = r"""
+null ~ true -1 0 1e-9 1e308 1e999 .nan -.inf 123456789012345678901234567890 0x10 1_000 x 2026-01-01
+"\e[31m" "\ud800" [] {} [1] [[]] [.nan,0,0] [1,1,1e300] [1,2,3,4] [[0,0],[1,1],[2,2]] {x:1} {pose:1} {<<:{x:1}}
+!!python/object:os.system [*a] *a ? - [ } ' " % @ : # | > !!binary
+"""
+TEXTS = ('', '&a [*a]', '{x: 1}', '{<<: {x: 1}}', '!!timestamp x', '\t', '\0', '[' * 3000, '{a: ' * 3000)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.tuples(st.sampled_from(PARTS), st.sampled_from([*WORDS.split(), *TEXTS])), min_size=1, max_size=3))
+def test_whatever_is_written_is_a_world_or_is_told_with_its_line(
+    tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[tuple[int, int], str]]
+) -> None:
+    text = WORLD
+    for (begin, end), wrong in sorted(changes, reverse=True):
+        text = text[:begin] + wrong + text[end:]
+    file = tmp_path_factory.mktemp('wrong') / 'world.yaml'
+    file.write_text(text)
+    try:
+        World.load(file).step()
+    except WorldError as error:
+        for one in error.problems:
+            place, message = one.removeprefix(f'{file}:').split(': ', 1)
+            line, column = map(int, place.split(':'))
+            assert 1 <= line <= text.count('\n') + 2
+            assert column >= 1
+            assert message.isprintable()
+            assert len(message) < 2000
+
+
+def test_a_file_that_is_too_long_or_no_text_is_told(tmp_path: Path) -> None:
+    file = tmp_path / 'world.yaml'
+    for content, said in ((b'#' * 10_000_000, 'longer than 2000000 bytes'), (b'seed: \xff\xfe', 'UTF-8')):
+        file.write_bytes(content)
+        with pytest.raises(WorldError) as caught:
+            World.load(file)
+        (problem,) = caught.value.problems
+        assert problem.startswith(f'{file}: cannot be read: ')
+        assert said in problem
 
 
 def test_what_is_based_on_a_wrong_model_is_not_wrong_for_that(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from .blocks import Blocks
 from .bodies import At, Body
 from .geometry import FARTHEST, Pose
 from .occupancy_map import OccupancyMap
-from .shapes import Circle, Polygon, contains, gap
+from .shapes import Circle, Polygon, Shape, box, contains, gap
 
 COLLISION_CHECK_DISTANCE: Final = 0.002
 """How far, m, a body goes from one collision check to the next when it is near one."""
@@ -241,15 +241,29 @@ class Space:
         world = self.map
         if not on_map or world is None:
             return
-        if not world.contains(*world.cell(pose.x, pose.y)):
-            raise SimulationError(
-                f'{place} is outside of the map of {world.width * world.resolution:g} x '
-                f'{world.height * world.resolution:g} m with its corner at ({world.origin.x:g}, {world.origin.y:g})'
-            )
+        self.check_on_map(pose)
         if self._gap_to_map(body, pose) < 0.0 or self._covers_obstacle(body, pose):
             raise SimulationError(
                 f"{place} is {world.clearance(pose.x, pose.y):.2f} m from an obstacle, and '{body.name}' has a radius "
                 f'of {body.radius:g} m'
+            )
+
+    def check_on_map(self, pose: Pose, shape: Shape | None = None) -> None:
+        """Whether a place, or some of a shape there, is on the map, if there is one.
+
+        Raises:
+            SimulationError: it is not.
+        """
+        world, place = self.map, check_pose(pose)
+        if world is None:
+            return
+        width, height = world.width * world.resolution, world.height * world.resolution
+        middle = Pose(*world.point((world.height - 1) / 2.0, (world.width - 1) / 2.0), world.origin.yaw)
+        on_map = world.contains(*world.cell(pose.x, pose.y))
+        if not on_map and (shape is None or gap(shape, pose, box(width, height), middle) > 0.0):
+            raise SimulationError(
+                f'{place} is outside of the map of {width:g} x {height:g} m with its corner at '
+                f'({world.origin.x:g}, {world.origin.y:g})'
             )
 
     def _covers_obstacle(self, body: Body, pose: Pose) -> bool:
