@@ -197,17 +197,6 @@ def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_oper
         assert commands[-2].text == 'all is well' and 'not active' in commands[-1].reason
 
 
-def test_the_pose_of_the_robot_is_part_of_the_status(make_bench: Make) -> None:
-    bench = make_bench(parameters=ExecutiveParameters(peers=(), pose_topic='robot/pose'))
-    assert bench.status.robot_pose.header.frame_id == ''
-    publisher = bench.console.call(lambda: bench.console.node.create_publisher(PoseStamped, 'robot/pose', 1))
-    wait_until(publisher.get_subscription_count, 'subscribed')
-    pose = PoseStamped()
-    pose.header.frame_id, pose.pose.position.x = 'map', 1.5
-    publisher.publish(pose)
-    bench.wait_for(lambda status: status.robot_pose == pose, 'pose')
-
-
 def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
     bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server', '/other/navigation')))
     assert [(peer.name, peer.alive) for peer in bench.status.peers] == [
@@ -258,6 +247,37 @@ def test_a_decision_names_the_server_that_has_died_and_what_to_do() -> None:
             bench.wait_for(lambda status: not status.decisions[0].prompt, 'it is back')
     finally:
         bench.close()
+
+
+def test_every_field_of_the_status_is_told() -> None:
+    def nested() -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['on'])
+        with machine:
+            OperatableStateMachine.add('Inner', asking(), {'on': 'on'})
+        return machine
+
+    parameters = ExecutiveParameters(peers=('never_there',), pose_topic='robot/pose')
+    with contextlib.closing(ExecutiveBench(behavior_of(nested), parameters=parameters)) as bench:
+        assert bench.status.robot_pose.header.frame_id == ''
+        publisher = bench.console.call(lambda: bench.console.node.create_publisher(PoseStamped, 'robot/pose', 1))
+        wait_until(publisher.get_subscription_count, 'subscribed')
+        pose = PoseStamped()
+        pose.header.frame_id, pose.pose.position.x = 'map', 1.5
+        publisher.publish(pose)
+        bench.wait_for(lambda status: status.robot_pose == pose, 'pose')
+        bench.start(autonomy=2)
+        bench.wait_for(lambda status: status.decisions, 'the decision')
+        bench.applied(ExecutiveCommand.LOCK, path='/Inner/A')
+        bench.applied(ExecutiveCommand.BREAKPOINT, path='/Inner/A')
+        bench.applied(ExecutiveCommand.AUTONOMY, path='/Inner', autonomy=1)
+        for operator in ('ann', 'bob'):
+            bench.applied(ExecutiveCommand.CLAIM_AUTHORITY, operator_id=operator)
+        bench.wait_for(lambda status: status.authority_requests, 'the request')
+        bench.applied(ExecutiveCommand.STOP, operator_id='ann')
+        bench.wait_idle()
+        told, nothing = list(bench.statuses), ExecutiveStatus()
+        for field in ExecutiveStatus.get_fields_and_field_types():
+            assert any(getattr(status, field) != getattr(nothing, field) for status in told), field
 
 
 @pytest.fixture

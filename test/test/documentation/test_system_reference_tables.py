@@ -109,6 +109,13 @@ def shown(parameter: Parameter) -> str:
     return f'`[{", ".join(values)}]`' if values else '–'
 
 
+def test_every_interface_that_is_no_part_of_another_is_on_its_page() -> None:
+    files = [file for kind in ('action', 'msg', 'srv') for file in (ROOT / 'flexbt_msgs' / kind).iterdir()]
+    parts = {type for file in files for type in re.findall(r'^\w+', file.read_text(encoding='utf-8'), re.MULTILINE)}
+    page = set(re.findall(r'\w+', (REFERENCE / 'interfaces.md').read_text(encoding='utf-8')))
+    assert {file.stem for file in files} - parts - page == set()
+
+
 @pytest.mark.parametrize(
     ('tool', 'page'),
     [
