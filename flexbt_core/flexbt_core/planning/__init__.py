@@ -34,9 +34,7 @@ from .problems import (
 from .regions import Move, MoveKind, Region, RegionKind, RegionMap, region_map
 from .teams import Task, Team, TeamBranch, TeamPlan, TeamPolicy, plan_team, team_problem, team_xml
 from .trees import (
-    COUNT_ENTRY,
     FAILURE_ENTRY,
-    LAST_ENTRY,
     Branch,
     Coverage,
     Disturbance,
@@ -50,13 +48,12 @@ from .trees import (
     failed_action,
     hopeless,
     plan,
+    tree_entries,
     tree_xml,
 )
 
 __all__ = [
-    'COUNT_ENTRY',
     'FAILURE_ENTRY',
-    'LAST_ENTRY',
     'Action',
     'Branch',
     'Condition',
@@ -104,5 +101,6 @@ __all__ = [
     'skill_problem',
     'team_problem',
     'team_xml',
+    'tree_entries',
     'tree_xml',
 ]

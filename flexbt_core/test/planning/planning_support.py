@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree import (
     load_xml,
 )
 from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.clock import ManualClock
 from flexbt_core.planning import FAILURE_ENTRY, Action, Leaf, Problem
 
 
@@ -36,7 +37,7 @@ def led_by(problem: Problem, attempts: int = 2) -> Problem:
 @dataclass
 class World:
     """Carries out actions: they take as many ticks as ``lasts`` says, and then have their effects, unless one ``fails``
-    or is ``idle``."""
+    or is ``idle``. A tick takes a second."""
 
     problem: Problem
     true: set[str]
@@ -48,6 +49,7 @@ class World:
     reason: object = None
     ticks: int = 0
     tree: Tree | None = None
+    clock: ManualClock = field(default_factory=ManualClock)
 
     def run(self, xml: str, before: Callable[[int], None] = lambda tick: None, most: int = 500) -> NodeStatus:
         world = self
@@ -88,10 +90,12 @@ class World:
         registry = builtin_registry()
         registry.register('Holds', Holds)
         registry.register('Do', Do)
-        self.tree = tree = Tree(TreeLibrary().stage([load_xml(xml, 'plan.xml', registry)]), 'Plan')
+        library = TreeLibrary().stage([load_xml(xml, 'plan.xml', registry)])
+        self.tree = tree = Tree(library, 'Plan', clock=self.clock)
         for number in range(most):
             self.ticks = number + 1
             before(number)
+            self.clock.advance(1.0)
             status = tree.tick_once()
             if status is not NodeStatus.RUNNING:
                 self.reason = tree.blackboard.get(FAILURE_ENTRY)

@@ -7,6 +7,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Callable, Collection
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -72,6 +73,26 @@ def test_what_a_robot_cannot_do_the_other_one_does_in_its_place() -> None:
     assert world.run(team_xml(plan_team(team))) is NodeStatus.SUCCESS
     assert {name.split()[0] for name in world.done} == {'blue'}
     assert len([name for name in world.started if name.startswith('red')]) == 2  # as often as it may be tried
+
+
+def test_a_robot_whose_action_has_no_effects_is_lost_too() -> None:
+    team = fetching()
+    world = world_of(team, idle=lambda name: name.startswith('red goes'))
+    assert world.run(team_xml(plan_team(team))) is NodeStatus.SUCCESS
+    assert len([name for name in world.done if name.startswith('red')]) == 2
+
+
+def test_nobody_waits_for_a_robot_longer_than_until_the_deadline_of_its_action() -> None:
+    team = fetching()
+    assert plan_team(team).unlimited == ('Do',)
+    leaves = {name: replace(leaf, deadline=5.0) for name, leaf in team.problem.leaves.items()}
+    team = replace(team, problem=replace(team.problem, leaves=leaves))
+    found = plan_team(team)
+    assert found.unlimited == ()
+    world = world_of(team, lasts=lambda name: 1000 if name.startswith('red') else 2)
+    assert world.run(team_xml(found)) is NodeStatus.SUCCESS
+    assert {name.split()[0] for name in world.done} == {'blue'}
+    assert len([name for name in world.started if name.startswith('red')]) == 2
 
 
 def test_where_the_lost_robot_has_what_is_needed_the_trees_say_why_they_give_up() -> None:

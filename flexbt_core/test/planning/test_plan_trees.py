@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import groupby
 from typing import Any
 
 import pytest
@@ -67,7 +68,7 @@ def test_what_somebody_else_has_done_is_not_done_again_and_what_runs_is_left() -
 
 @cache
 def planned_for_all() -> tuple[Problem, str]:
-    problem = errand()
+    problem = errand(attempts=5)  # what is undone at once each time looks as if it had no effects
     return problem, planned(problem, disturbed=4)[1]
 
 
@@ -93,14 +94,91 @@ def test_an_action_is_tried_as_often_as_it_may_and_then_the_tree_says_that_it_fa
     assert world.reason == 'to_kitchen failed 2 times'
 
 
-def test_an_action_without_effect_is_not_done_for_ever() -> None:
-    problem = errand()
-    found, xml = planned(problem)
-    assert found.coverage is not None
+def test_an_action_without_effect_is_done_as_often_as_it_may_be_tried() -> None:
+    problem = errand(attempts=4)
     world = World(problem, set(problem.initial), idle=lambda name: name == 'to_kitchen')
-    assert world.run(xml) is NodeStatus.FAILURE
-    assert set(world.done) == {'to_kitchen'}
-    assert world.reason == f'the goal was not reached by {len(world.done)} actions; the last one was to_kitchen'
+    assert world.run(planned(problem)[1]) is NodeStatus.FAILURE
+    assert world.done == ['to_kitchen'] * 4
+    assert world.reason == 'to_kitchen succeeded without its effects 4 times'
+
+
+def test_what_is_undone_while_the_next_action_is_under_way_had_its_effects() -> None:
+    problem = errand(attempts=1)
+    world = World(problem, set(problem.initial), lasts=lambda name: 3)
+    times: list[int] = []
+
+    def disturb(tick: int) -> None:
+        if len(times) < 2 and world.done[-1:] == ['grab_kitchen'] and world.started[-1] == 'to_hall':
+            times.append(tick)
+            world.true = (world.true - {'held'}) | {'cup_kitchen'}
+
+    assert world.run(planned(problem)[1], disturb) is NodeStatus.SUCCESS
+    assert world.done.count('grab_kitchen') == 3
+
+
+TWO_DOORS = (
+    action('front', 'outside front_open', 'inside', 'outside', 5),
+    action('back', 'outside back_open', 'inside', 'outside', 6),
+    action('ring', 'outside', 'front_open', '', 9),
+)
+SHUT = action('the front door is shut', 'front_open', '', 'front_open')
+
+
+@pytest.mark.parametrize('how', ['fails', 'idle'])
+@pytest.mark.parametrize('lasts', [1, 3])
+def test_what_has_failed_does_not_keep_another_way_from_its_end(how: str, lasts: int) -> None:
+    start = frozenset({'outside', 'front_open', 'back_open'})
+    problem = led_by(Problem(TWO_DOORS, start, (frozenset({'inside'}),), (SHUT,)))
+    world = World(problem, set(start), lasts=lambda name: lasts, **{how: lambda name: name == 'front'})  # type: ignore[arg-type]
+    assert world.run(planned(problem)[1]) is NodeStatus.SUCCESS
+    assert world.started == ['front', 'front', 'back']
+
+
+STEPS = (('p', ''), ('q', 'p'), ('r', 'p'), ('s', 'q r'), ('s', 'r'))
+MANY_WAYS = [
+    action(f'{literal} with tool {number}', f'{needs} tool_{number}', literal, '', 3 + number % 4)
+    for number, (literal, needs) in enumerate(one for one in STEPS for _ in range(2))
+]
+LOST_TOOLS = [action(f'tool {number} is lost', f'tool_{number}', '', f'tool_{number}') for number in range(10)]
+GONE = [action(f'{one} is gone', one, '', one) for one in 'pqr']
+
+
+@cache
+def planned_with_ways(attempts: int) -> tuple[Problem, str]:
+    start = frozenset(f'tool_{number}' for number in range(10))
+    problem = led_by(Problem(tuple(MANY_WAYS), start, (frozenset('s'),), (*GONE, *LOST_TOOLS)), attempts)
+    return problem, planned(problem)[1]
+
+
+@given(
+    st.integers(1, 3),
+    st.dictionaries(st.sampled_from([one.name for one in MANY_WAYS]), st.sampled_from(['fails', 'idle']), max_size=6),
+    st.integers(1, 3),
+    st.dictionaries(st.integers(0, 40), st.sampled_from(GONE), max_size=3),
+)
+def test_it_ends_whatever_is_broken_and_says_why(
+    attempts: int, broken: dict[str, str], lasts: int, when: dict[int, Action]
+) -> None:
+    problem, xml = planned_with_ways(attempts)
+    world = World(
+        problem,
+        set(problem.initial),
+        fails=lambda name: broken.get(name) == 'fails',
+        idle=lambda name: broken.get(name) == 'idle',
+        lasts=lambda name: lasts,
+    )
+
+    def disturb(tick: int) -> None:
+        if tick in when:
+            world.true -= when[tick].deletes
+
+    status = world.run(xml, disturb)
+    assert (status is NodeStatus.SUCCESS) is ('s' in world.true)
+    for name, how in broken.items():
+        if how == 'idle':
+            assert max((len(list(row)) for one, row in groupby(world.done) if one == name), default=0) <= attempts
+    if status is NodeStatus.FAILURE and not when:
+        assert any(str(world.reason).startswith(name) for name in broken) or 'the last one was' in str(world.reason)
 
 
 def test_where_no_branch_holds_it_gives_up_and_says_so() -> None:

@@ -31,9 +31,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import DOUBLE, STRING, UNSIGNED
 from flexbt_core.planning import (
-    COUNT_ENTRY,
     FAILURE_ENTRY,
-    LAST_ENTRY,
     Measurement,
     Mission,
     Outcome,
@@ -43,6 +41,7 @@ from flexbt_core.planning import (
     plan,
     read_mission,
     skill_problem,
+    tree_entries,
     tree_xml,
 )
 from flexbt_core.skills import SkillError, SkillLibrary, read_skills
@@ -176,7 +175,7 @@ class ReachGoal(ExpandingAction):
         self._hopeless = None
         self._sensors_by = self.clock.now() + self._timeout
         self._next = self._await_measured
-        return self._expand(self._goal.measuring, _MEASURING)
+        return self._expand(self._goal.measuring, _MEASURING, ())
 
     def _await_measured(self) -> NodeStatus:
         status = self.tick_tree()
@@ -200,7 +199,7 @@ class ReachGoal(ExpandingAction):
         planned, library = found
         self.set_output('plan', ', '.join(planned.actions))
         self._next = lambda: self._await_reached(planned)
-        return self._expand(library, _PLANNED)
+        return self._expand(library, _PLANNED, tree_entries(planned))
 
     def _await_reached(self, planned: Plan) -> NodeStatus:
         status = self.tick_tree()
@@ -209,16 +208,18 @@ class ReachGoal(ExpandingAction):
         why = str(self._board.get_or(FAILURE_ENTRY, ''))
         failed = failed_action(planned.problem, why)
         if failed is not None:
-            told = self._left_out[failed] = excerpt(next(_reasons(self, failed), ''))
+            action, what = failed
+            told = excerpt(next(_reasons(self, action), ''))
+            self._left_out[action] = what + (told and f': {told}')
             why += told and f': {told}'
         self._tried += 1
         if self._tried >= self.get_input('attempts'):
             return self.fail(f'gave up after {counted(self._tried, "attempt")}: {why}')
         return self._measure()
 
-    def _expand(self, library: TreeLibrary, tree_id: str) -> NodeStatus:
+    def _expand(self, library: TreeLibrary, tree_id: str, own: tuple[str, ...]) -> NodeStatus:
         board = self._board = Blackboard(self.blackboard)
-        for entry in (COUNT_ENTRY, LAST_ENTRY, FAILURE_ENTRY):
+        for entry in own:
             board.declare(entry, None)  # of this tree, also where others have some of the same name
         board.enable_autoremap()
         return self.expand(library, tree_id, board)
@@ -317,7 +318,7 @@ def _search(
     problem = replace(problem, actions=tuple(action for action in problem.actions if action.name not in left_out))
     found = plan(problem, time_limit=limit, clock=clock)
     if found.policy is None:
-        failed = (f'{name} (failed{why and f": {why}"})' for name, why in sorted(left_out.items()))
+        failed = (f'{name} ({why})' for name, why in sorted(left_out.items()))
         without = f' without {", ".join(failed)}' if left_out else ''
         if found.outcome is Outcome.TIME_LIMIT:
             bound = '' if math.isinf(found.bound) else f'; none costs less than {found.bound:g}'

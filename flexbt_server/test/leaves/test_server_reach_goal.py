@@ -48,14 +48,15 @@ DEADLINE = 30.0
 
 @dataclass
 class World:
-    """The robot, the cup and the door, and what was done. ``broken`` are actions that fail; ``meanwhile`` is called
-    before each tick of an action."""
+    """The robot, the cup and the door, and what was done. ``broken`` are actions that fail, ``idle`` those that
+    succeed and do nothing; ``meanwhile`` is called before each tick of an action."""
 
     robot: str = 'office'
     cup: str = 'kitchen'
     held: bool = False
     open: bool = True
     broken: set[str] = field(default_factory=set)
+    idle: set[str] = field(default_factory=set)
     done: list[str] = field(default_factory=list)
     meanwhile: Callable[[World], None] = lambda world: None
     informed: bool = True
@@ -66,6 +67,8 @@ class World:
         self.done.append(name)
         if name in self.broken or (name == 'GoThrough' and not self.open):
             return False
+        if name in self.idle:
+            return True
         if name in ('GoTo', 'GoThrough'):
             self.robot = node.get_input('to')
         elif name == 'OpenDoor':
@@ -281,6 +284,18 @@ def test_an_action_that_failed_for_good_is_left_out(bench: Bench) -> None:
     tree = bench.tree('attempts="1"')
     assert bench.run(tree) is FAILURE and tree.failure is not None
     assert tree.failure.reason == 'gave up after 1 attempt: PickUpCup(kitchen) failed 3 times: it jams'
+
+
+def test_an_action_without_effects_is_done_as_often_as_it_may_be_tried(bench: Bench) -> None:
+    bench.world.idle = {'GoThrough'}
+    tree = bench.tree()
+    assert bench.run(tree) is FAILURE and tree.failure is not None
+    named = 'GoThrough(kitchen_door, hall, kitchen)'
+    assert tree.failure.reason.startswith(f'there is no plan without {named} (succeeded without its effects): ')
+    assert bench.world.done.count('GoThrough') == 2  # once, and its retries
+    tree = bench.tree('attempts="1"')
+    assert bench.run(tree) is FAILURE and tree.failure is not None
+    assert tree.failure.reason == f'gave up after 1 attempt: {named} succeeded without its effects 2 times'
 
 
 def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:

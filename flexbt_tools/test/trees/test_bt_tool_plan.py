@@ -92,6 +92,16 @@ def test_the_example_with_two_robots(team: Path, tmp_path: Path) -> None:
     assert told['tasks'][0] == {'robot': first, 'action': action, 'begins': 0.0, 'ends': 10.0}
 
 
+def test_whoever_may_hold_up_a_team_is_named(team: Path) -> None:
+    skills = team.with_name('team_skills.yaml')
+    skills.write_text(TEAM_SKILLS.replace('    deadline: 30.0\n', ''))
+    done = tool('plan', str(team), '--disturbed', '0')
+    assert done.code == 0
+    assert 'no deadline: LeaveCup, TakeCup; where one of these never ends, the others wait' in done.err
+    told = json.loads(tool('plan', str(team), '--json', '--disturbed', '0').out)
+    assert told['unlimited'] == ['LeaveCup', 'TakeCup']
+
+
 @pytest.mark.parametrize(
     ('wrong', 'right', 'message'),
     [

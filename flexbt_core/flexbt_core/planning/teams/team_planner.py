@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from flexbt_core.planning.backward_search import Outcome, Progress, Reachability
 from flexbt_core.planning.problems import Problem, bits
-from flexbt_core.planning.trees import Coverage, Disturbance, compiled, explore, why_not
+from flexbt_core.planning.trees import Coverage, Disturbance, actions_of, compiled, explore, why_not
 
 from .division import Divider
 from .team import Team, staffed
-from .team_policy import TeamBranch, TeamPolicy, branches_of
+from .team_policy import WAITS, TeamBranch, TeamPolicy, branches_of
 
 
 class Task(NamedTuple):
@@ -52,6 +52,14 @@ class TeamPlan:
     policy: TeamPolicy | None = None
     coverage: Coverage | None = None
     hopeless: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def unlimited(self) -> tuple[str, ...]:
+        """The types of its leaves that have no deadline: a robot in one that never ends is not known to be lost."""
+        members = self.policy.members if self.policy is not None else ()
+        actions = {action for robot in members for action in actions_of(robot)} - {WAITS}
+        leaves = (self.problem.leaf(self.problem.actions[action].name) for action in actions)
+        return tuple(sorted({leaf.type for leaf in leaves if leaf.deadline is None}))
 
 
 def plan_team(

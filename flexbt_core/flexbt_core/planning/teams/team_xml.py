@@ -25,16 +25,19 @@ others may set, too. Then the branches without it are left.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from flexbt_core.planning.problems import Problem
 from flexbt_core.planning.trees import (
+    AGAIN_ENTRY,
+    LAST_ENTRY,
     NOTHING_DONE,
     Group,
     LeafWriter,
     Rule,
     actions_left,
+    actions_of,
     add,
     add_last_branch,
     allowed_actions,
@@ -74,8 +77,12 @@ class _TeamWriter(LeafWriter):
     def team(self, name: str, robots: Sequence[tuple[str, str]], most: int) -> ElementTree.Element:
         tree = ElementTree.Element('BehaviorTree', ID=name)
         top = add(tree, 'Sequence')
-        found = ''.join(f"; {entry('lost', robot)} := false; {entry('next', robot)} := ''" for robot, _ in robots)
-        add(top, 'Script', code=NOTHING_DONE + found)
+        begins = ''.join(
+            f"; {entry('lost', robot)} := false; {entry('next', robot)} := ''"
+            f"; {entry(LAST_ENTRY, robot)} := ''; {entry(AGAIN_ENTRY, robot)} := 0"
+            for robot, _ in robots
+        )
+        add(top, 'Script', code=NOTHING_DONE + begins)
         ways = add(top, 'Fallback')
         step = add(ways, 'ReactiveSequence', name='until the goal holds')
         self.goal(add(step, 'Inverter'), self._policy.goals)
@@ -89,17 +96,20 @@ class _TeamWriter(LeafWriter):
     def robot(self, robot: str, id: str, members: Sequence[Rule | Group]) -> ElementTree.Element:
         tree = ElementTree.Element('BehaviorTree', ID=id)
         both = add(add(tree, 'KeepRunningUntilFailure'), 'ReactiveSequence', name=robot)
-        chosen = entry('next', robot)
+        chosen, lost = entry('next', robot), entry('lost', robot)
         branches = add(both, 'ReactiveFallback', name=f'what {robot} is to do')
         for member in members:
             self._member(branches, chosen, member)
         add_last_branch(branches, 'no way to the goal is planned from here')
         done = add(both, 'ReactiveFallback', name=f'{robot} does it')
-        for action in dict.fromkeys(_actions(members)):
+        for action in actions_of(members):
+            if action == WAITS:
+                continue
             step = add(done, 'ReactiveSequence')
             add(step, 'ScriptCondition', code=f"{chosen} == '{self._name(action)}'")
             # What it could not do is left to others in the next tick.
-            self.action(add(step, 'ForceSuccess'), action, failed=f'; {entry("lost", robot)} := true')
+            own = {'last': entry(LAST_ENTRY, robot), 'again': entry(AGAIN_ENTRY, robot)}
+            self.action(add(step, 'ForceSuccess'), action, lost, f'{lost} := true', **own)
         add(add(done, 'KeepRunningUntilFailure', name='others go on'), 'AlwaysSuccess')
         return tree
 
@@ -116,11 +126,3 @@ class _TeamWriter(LeafWriter):
 
     def _name(self, action: int) -> str:
         return '' if action == WAITS else quoted(self._domain.actions[action].name)
-
-
-def _actions(members: Iterable[Rule | Group]) -> Iterator[int]:
-    for member in members:
-        if isinstance(member, Group):
-            yield from _actions(member.members)
-        elif member.action != WAITS:
-            yield member.action

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Trees of plans: branches and their order, what they have in common, whether they reach the goal, their XML."""
 
-from .compaction import Group, Rule, chosen, compact
+from .compaction import Group, Rule, actions_of, chosen, compact
 from .coverage import MOST_STATES, Coverage, Disturbance, explore, fault
 from .leaf_elements import (
+    AGAIN_ENTRY,
     COUNT_ENTRY,
     FAILURE_ENTRY,
     LAST_ENTRY,
@@ -18,9 +19,10 @@ from .leaf_elements import (
 )
 from .planner import Plan, compiled, hopeless, plan, why_not
 from .policy import Branch, Policy
-from .tree_xml import tree_xml
+from .tree_xml import tree_entries, tree_xml
 
 __all__ = [
+    'AGAIN_ENTRY',
     'COUNT_ENTRY',
     'FAILURE_ENTRY',
     'LAST_ENTRY',
@@ -35,6 +37,7 @@ __all__ = [
     'Policy',
     'Rule',
     'actions_left',
+    'actions_of',
     'add',
     'add_last_branch',
     'allowed_actions',
@@ -47,6 +50,7 @@ __all__ = [
     'hopeless',
     'plan',
     'quoted',
+    'tree_entries',
     'tree_xml',
     'why_not',
 ]

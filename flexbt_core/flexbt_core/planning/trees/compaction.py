@@ -8,7 +8,7 @@ is taken at each level).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -51,6 +51,19 @@ def compact(branches: Sequence[Branch]) -> tuple[Rule | Group, ...]:
             found.append(Group(common, compact(inner)))
         place = end
     return tuple(found)
+
+
+def actions_of(members: Sequence[Rule | Group]) -> tuple[int, ...]:
+    """The actions of some branches, each once."""
+    return tuple(dict.fromkeys(_actions(members)))
+
+
+def _actions(members: Sequence[Rule | Group]) -> Iterator[int]:
+    for member in members:
+        if isinstance(member, Group):
+            yield from _actions(member.members)
+        else:
+            yield member.action
 
 
 class CompactPolicy:

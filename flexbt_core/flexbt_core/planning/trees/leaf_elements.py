@@ -22,19 +22,24 @@ COUNT_ENTRY: Final = 'plan_actions'
 LAST_ENTRY: Final = 'plan_last'
 """The entry of the blackboard with the last action that succeeded."""
 
-NOTHING_DONE: Final = f"{COUNT_ENTRY} := 0; {LAST_ENTRY} := ''; {FAILURE_ENTRY} := ''"
+AGAIN_ENTRY: Final = 'plan_again'
+"""The entry of the blackboard with how often that action has succeeded in a row, and none was under way since."""
+
+NOTHING_DONE: Final = f"{COUNT_ENTRY} := 0; {LAST_ENTRY} := ''; {AGAIN_ENTRY} := 0; {FAILURE_ENTRY} := ''"
 """The script with which a tree begins."""
 
+_FAILED: Final = 'failed'
+_IN_VAIN: Final = 'succeeded without its effects'
 _MARGIN: Final = 3
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
 """Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
 _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
-def failed_action(problem: Problem, reason: str) -> str | None:
-    """The action because of which a tree gave up for this reason; None when it was none."""
-    names = (action.name for action in problem.actions)
-    return next((name for name in names if _failure(name, problem.leaf(name)) == reason), None)
+def failed_action(problem: Problem, reason: str) -> tuple[str, str] | None:
+    """The action because of which a tree gave up for this reason, and what it did; None when it was none."""
+    did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
+    return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
 
 
 class LeafWriter:
@@ -71,18 +76,37 @@ class LeafWriter:
             leaf = self._problem.leaf(text)
             self._leaf(add(parent, 'Inverter') if leaf.inverted else parent, 'Condition', text, leaf)
 
-    def action(self, parent: ElementTree.Element, number: int, done: str = '', failed: str = '', **more: str) -> None:
-        """An action with its attempts. ``done`` and ``failed`` are scripts for its end; ``more`` are attributes."""
+    def action(
+        self,
+        parent: ElementTree.Element,
+        number: int,
+        given_up: str,
+        failed: str,
+        *,
+        last: str = LAST_ENTRY,
+        again: str = AGAIN_ENTRY,
+    ) -> None:
+        """An action with its attempts. One that succeeds is done again where its effects are missing, as often as it
+        may be tried; then it fails.
+
+        ``failed`` is a script for that, which makes ``given_up`` true: where that is so, the action fails at once.
+        ``last`` and ``again`` are the entries of its robot.
+        """
         name = self._domain.actions[number].name
         leaf = self._problem.leaf(name)
-        succeeded = f"{COUNT_ENTRY} := {COUNT_ENTRY} + 1; {LAST_ENTRY} := '{quoted(name)}'; {FAILURE_ENTRY} := ''"
+        is_last = f"{last} == '{quoted(name)}'"
+        in_vain = f'({is_last} && {again} >= {leaf.attempts})'
+        reason = f"{in_vain} ? '{_reason(name, _IN_VAIN, leaf)}' : '{_reason(name, _FAILED, leaf)}'"
+        names = '; '.join(f"{entry} := '{quoted(name)}'" for entry in dict.fromkeys((last, LAST_ENTRY)))
         retry = add(
             parent,
             'RetryUntilSuccessful',
             num_attempts=str(leaf.attempts),
-            _onSuccess=succeeded + done,
-            _onFailure=f"{FAILURE_ENTRY} := '{_failure(name, leaf)}'{failed}",
-            **more,
+            _failureIf=f'{given_up} || {in_vain}',
+            _onSuccess=f'{again} := ({is_last}) ? ({again} + 1) : 1; {COUNT_ENTRY} := {COUNT_ENTRY} + 1; {names}; '
+            f"{FAILURE_ENTRY} := ''",
+            _onFailure=f'{FAILURE_ENTRY} := ({given_up}) ? {FAILURE_ENTRY} : ({reason}); {failed}',
+            _onHalted=f'{again} := 0',  # it was under way, so what was done before has had its effects
         )
         if leaf.deadline is not None:
             retry = add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
@@ -129,8 +153,8 @@ def quoted(text: str) -> str:
     return text.replace("'", '’').replace('\\', '/')
 
 
-def _failure(name: str, leaf: Leaf) -> str:
-    return f'{quoted(name)} failed {_times(leaf.attempts)}'
+def _reason(name: str, what: str, leaf: Leaf) -> str:
+    return f'{quoted(name)} {what} {_times(leaf.attempts)}'
 
 
 def _times(number: int) -> str:

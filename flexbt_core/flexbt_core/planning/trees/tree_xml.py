@@ -16,7 +16,8 @@
 
 The tree succeeds when the goal holds. It fails when an action failed as often as it may be tried and no other branch
 holds, when no branch holds, or after ``most_actions`` actions; ``plan_failure`` on the blackboard says which. An action
-that succeeds without its effects is done again, and counts.
+that succeeds without its effects is done again as often as it may be tried, and has failed then. One that has failed is
+left to the other branches until another action has succeeded.
 """
 
 from __future__ import annotations
@@ -26,8 +27,19 @@ from xml.etree import ElementTree
 
 from flexbt_core.planning.problems import Problem
 
-from .compaction import Group, Rule
-from .leaf_elements import NOTHING_DONE, LeafWriter, actions_left, add, add_last_branch, allowed_actions
+from .compaction import Group, Rule, actions_of
+from .leaf_elements import (
+    AGAIN_ENTRY,
+    COUNT_ENTRY,
+    FAILURE_ENTRY,
+    LAST_ENTRY,
+    NOTHING_DONE,
+    LeafWriter,
+    actions_left,
+    add,
+    add_last_branch,
+    allowed_actions,
+)
 from .planner import Plan
 from .policy import Policy
 
@@ -50,6 +62,17 @@ def tree_xml(plan: Plan, name: str = 'Plan', most_actions: int | None = None) ->
     return writer.document(name, [writer.tree(name, plan.members, most_actions)])
 
 
+def tree_entries(plan: Plan) -> tuple[str, ...]:
+    """The entries of the blackboard that a plan's tree has for itself."""
+    own = (COUNT_ENTRY, LAST_ENTRY, AGAIN_ENTRY, FAILURE_ENTRY)
+    return (*own, *map(_given_up, actions_of(plan.members)))
+
+
+def _given_up(action: int) -> str:
+    """The entry with how many actions had succeeded when this one has failed."""
+    return f'plan_given_up_{action}'
+
+
 class _Writer(LeafWriter):
     def __init__(self, problem: Problem, policy: Policy) -> None:
         super().__init__(problem, policy.domain)
@@ -58,7 +81,8 @@ class _Writer(LeafWriter):
     def tree(self, name: str, members: Sequence[Rule | Group], most: int) -> ElementTree.Element:
         tree = ElementTree.Element('BehaviorTree', ID=name)
         top = add(tree, 'Sequence')
-        add(top, 'Script', code=NOTHING_DONE)
+        none_given_up = ''.join(f'; {_given_up(action)} := -1' for action in actions_of(members))
+        add(top, 'Script', code=NOTHING_DONE + none_given_up)
         ways = add(top, 'Fallback')
         step = add(add(ways, 'KeepRunningUntilFailure'), 'ReactiveSequence', name='until the goal holds')
         self.goal(add(step, 'Inverter'), self._policy.goals)
@@ -80,4 +104,5 @@ class _Writer(LeafWriter):
             return
         sequence = add(parent, 'ReactiveSequence', name=f'at cost {member.cost:g}') if member.condition else parent
         self.conditions(sequence, member.condition)
-        self.action(sequence, member.action)
+        given_up = _given_up(member.action)
+        self.action(sequence, member.action, f'{given_up} == {COUNT_ENTRY}', f'{given_up} := {COUNT_ENTRY}')

@@ -80,6 +80,11 @@ def _team(found: TeamPlan) -> list[str]:
     for robot in found.team.robots:
         tasks = [f'{task.begins:g}–{task.ends:g} {task.action}' for task in found.tasks if task.robot == robot]
         shown.append(f'{robot}: {", ".join(tasks) or "nothing"}')
+    if found.unlimited and len(found.team.robots) > 1:
+        shown.append(
+            f'no deadline: {", ".join(found.unlimited)}; where one of these never ends, the others wait for its robot: '
+            'give it a deadline (s) in its manifest, after which they do without the robot'
+        )
     return shown
 
 
@@ -94,4 +99,5 @@ def _team_document(found: TeamPlan) -> dict[str, Any]:
         'alone': found.alone,
         'actions': [task.action for task in found.tasks],
         'tasks': [task._asdict() for task in found.tasks],
+        'unlimited': found.unlimited,
     }
