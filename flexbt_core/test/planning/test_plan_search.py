@@ -9,6 +9,7 @@ import itertools
 import json
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -67,14 +68,14 @@ def result(state: Condition, action: Action) -> Condition:
     return (state - action.deletes) | action.adds
 
 
-def least_cost(problem: Problem, state: Condition) -> float:
-    """Dijkstra through the states, forward."""
+def least_cost(problem: Problem, state: Condition, negated: Condition = frozenset()) -> float:
+    """Dijkstra through the states, forward. The goals ask for ``negated`` literals not to hold."""
     queue: list[tuple[float, int, Condition]] = [(0.0, 0, state)]
     number = itertools.count(1)
     done = set()
     while queue:
         cost, _, at = heapq.heappop(queue)
-        if any(goal <= at for goal in problem.goal):
+        if any(all((one in at) is not (one in negated) for one in goal) for goal in problem.goal):
             return cost
         if at not in done:
             done.add(at)
@@ -105,6 +106,15 @@ def test_a_plan_costs_what_the_cheapest_way_costs_and_there_is_one_where_there_i
         state, spent = result(state, by_name[name]), spent + by_name[name].cost
     assert (found.cost is None) is bool(found.reason)
     assert found.cost is None or (spent == least and any(goal <= state for goal in problem.goal))
+
+
+@given(problems, conditions)
+def test_a_goal_may_ask_for_what_does_not_hold(problem: Problem, negated: Condition) -> None:
+    assume(speaks_of_goal(problem))
+    goals = tuple(frozenset(f'not {one}' if one in negated else one for one in goal) for goal in problem.goal)
+    found = plan(replace(problem, goal=goals))
+    assert (math.inf if found.cost is None else found.cost) == least_cost(problem, problem.initial, negated)
+    assert found.coverage is None or set(found.coverage.uncovered.values()) <= set(found.hopeless)
 
 
 @given(problems)
