@@ -80,6 +80,10 @@ class _Composer(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
+        tag = getattr(event, 'tag', None) or ''
+        if tag.startswith('!'):  # no plain data has one; somebody has written [!open]
+            written = shown(tag.rstrip(',]}'))
+            raise YamlError(event.start_mark, f'what begins with ! is a tag in YAML; put it in quotes: {written}')
         if isinstance(event, yaml.AliasEvent):
             if not self._takes_aliases:
                 raise YamlError(event.start_mark, f'aliases (*{event.anchor}) are not supported; write it out')
@@ -118,4 +122,5 @@ class _Constructor(yaml.constructor.SafeConstructor):
 
 
 def _problem(error: Exception) -> str:
-    return getattr(error, 'problem', None) or ' '.join(str(error).split())
+    problem = getattr(error, 'problem', None) or ' '.join(str(error).split())
+    return f'{problem}; indent by blanks' if "'\\t' that cannot start" in problem else problem

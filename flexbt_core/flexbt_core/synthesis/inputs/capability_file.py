@@ -242,11 +242,11 @@ def _autonomy(file: YamlFile, node: yaml.Node | None, what: str) -> tuple[dict[s
 
 
 def _level(file: YamlFile, node: yaml.Node, what: str) -> int:
-    level = file.number(node, file.word(node, what), what)
-    if level not in range(4):
-        file.problem(node, f'{what} is {level}; the levels are 0 (off), 1 (low), 2 (high), 3 (full)')
-        return DEFAULT_AUTONOMY
-    return level
+    level = file.word(node, what)
+    if level in ('0', '1', '2', '3'):
+        return int(level)
+    file.problem(node, f'{what} is {shown(level)}; the levels are 0 (off), 1 (low), 2 (high), 3 (full)')
+    return DEFAULT_AUTONOMY
 
 
 def _userdata(file: YamlFile, node: yaml.Node | None, what: str) -> dict[str, str]:

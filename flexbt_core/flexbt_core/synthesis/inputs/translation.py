@@ -504,7 +504,7 @@ class Translation:
             reason = (
                 'nothing but a capability itself sets that'
                 if known
-                else f'there is no variable{hint(name, list(self._variables))}'
+                else f'there is no variable {shown(name)}{hint(name, list(self._variables))}'
             )
             self._problem(entry.line, f'{what}: {reason}')
             return
