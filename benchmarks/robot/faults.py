@@ -12,9 +12,9 @@ robot take: each topic, service and action with TEXT in its name. After 4 s the 
 metres and seconds from that stop on, how much the processes have grown, s from the end of the flood until all is ready
 again and a command is answered, and what the operator was told.
 
-Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--floods [TEXT ...]] [--seed N]
+Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--of NAME ...] [--floods [TEXT ...]] [--seed N]
                                  [--output FILE.json]
-       (so many of each process, hangs of each thread)
+       (so many of each process, hangs of each thread; --of: only processes whose name contains one of NAME)
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import itertools
+import json
 import math
 import os
 import random
@@ -30,13 +32,16 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from _consoles import CONSOLES, OPERATOR, ConsoleEndedError
 from _figures import write_figures
 from domain_coordinator import domain_id
+from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
@@ -57,6 +62,9 @@ FLOOD_STOP_SECONDS: Final = 4.0
 BEGIN_SECONDS: Final = 30.0
 """For so long a flood may take to begin."""
 
+AUTHORITY_SECONDS: Final = 5.0
+"""After which an operator without a console loses the authority."""
+
 STATES: Final = {
     getattr(ExecutiveStatus, name): name
     for name in ('UNKNOWN', 'IDLE', 'STARTING', 'RUNNING', 'PAUSED', 'STOPPING', 'INTERRUPTED')
@@ -69,6 +77,7 @@ def main() -> int:
     parser.add_argument('--kills', type=int, default=5, help='of each process')
     parser.add_argument('--stops', type=int, default=1, help='of each process')
     parser.add_argument('--hangs', type=int, default=1, help='of each thread')
+    parser.add_argument('--of', nargs='+', metavar='NAME', default=[''])
     parser.add_argument(
         '--floods',
         nargs='*',
@@ -83,7 +92,14 @@ def main() -> int:
         (how == 'hang', partial(trial, how=how, name=name, thread=thread, chance=chance))
         for how, count in (('kill', options.kills), ('stop', options.stops), ('hang', options.hangs))
         for name, threads in THREADS.items()
+        if any(text in name for text in options.of)
         for thread in (threads if how == 'hang' else ('',))
+        for _ in range(count)
+    ] + [
+        (False, partial(console_trial, how=how, name=name, chance=chance))
+        for how, count in (('kill', options.kills), ('stop', options.stops))
+        for name in CONSOLES
+        if any(text in name for text in options.of)
         for _ in range(count)
     ]
     rows = []
@@ -100,14 +116,14 @@ def main() -> int:
                 Stack(logs, can_be_held_up=can_be_held_up, forked=False) as stack,
                 NodeRuntime.open('probe') as runtime,
             ):
-                stack.start_all()
+                stack.start_all(onboard_executive={'authority_timeout': str(AUTHORITY_SECONDS)})
                 probe = Probe(runtime)
                 probe.wait_ready()
                 rows.append(measure(stack, probe))
             print(line(rows[-1]), flush=True)
     if options.output is not None:
         write_figures(options.output, {'faults': rows})
-    return 0 if all(row['seconds'] < REST_SECONDS for row in rows) else 1
+    return 0 if all(row['seconds'] < REST_SECONDS and not row.get('wrong') for row in rows) else 1
 
 
 def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: random.Random) -> dict[str, Any]:
@@ -124,7 +140,6 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: 
     time.sleep(STOPPED_SECONDS)
     rest, moved = probe.pose, probe.moved_stamp
     assert there is not None and rest is not None
-    metres = math.hypot(rest.pose.position.x - there.pose.position.x, rest.pose.position.y - there.pose.position.y)
     if how == 'kill':
         stack.start(name)
         probe.wait(lambda: probe.peer_alive(name) is not False, f'{name} alive again')
@@ -134,9 +149,70 @@ def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: 
     return {
         'fault': how,
         'process': f'{name} {thread}'.rstrip(),
-        'metres': round(metres, 3),
+        'metres': distance(there, rest),
         'seconds': round(max(0.0, moved - stamp(there)), 2),
         'run': f'{STATES[probe.status.state]} {probe.status.outcome} {probe.status.message}'.strip(),
+    }
+
+
+def console_trial(stack: Stack, probe: Probe, how: str, name: str, chance: random.Random) -> dict[str, Any]:
+    """One drive with one fault of a console that pauses and resumes it again and again."""
+    probe.drive_to(*chance.choice(PLACES))
+    given, told = ['claim'], ['claim']
+    seen: list[tuple[int, PoseStamped | None, float]] = []
+    is_over = threading.Event()
+
+    def fault() -> None:
+        time.sleep(chance.uniform(0.0, 6.0))
+        console.send_signal(signal.SIGKILL if how == 'kill' else signal.SIGSTOP)
+        for _ in range(2):
+            time.sleep(STOPPED_SECONDS / 2.0)
+            seen.append((probe.status.state, probe.pose, probe.moved_stamp))
+        if how == 'stop':
+            console.send_signal(signal.SIGCONT)
+        is_over.set()
+
+    with CONSOLES[name]() as console:
+        console.do('claim')
+        thread = threading.Thread(target=fault)
+        thread.start()
+        with contextlib.suppress(ConsoleEndedError):
+            for command in itertools.cycle(('pause', 'resume')):
+                last = is_over.is_set()
+                given.append(command)
+                console.do(command)
+                told.append(command)
+                if last:
+                    break
+        thread.join()
+    (log,) = stack.directory.glob('*.jsonl')
+    events = [json.loads(line) for line in log.read_text(encoding='utf-8').splitlines()]
+    applied = [
+        one['command'].lower().removesuffix('_authority')
+        for one in events
+        if one['event'] == 'command' and one['operator'] == OPERATOR and one['effect'] == 'applied'
+    ]
+    (first, there, _), (second, rest, moved) = seen
+    assert there is not None and rest is not None
+    stood = first == second == ExecutiveStatus.PAUSED
+    wrong = [] if len(told) <= len(applied) and applied == given[: len(applied)] else [f'{given=} {told=} {applied=}']
+    holder, began = probe.status.authority, time.monotonic()
+    if holder != OPERATOR and (holder or how == 'stop'):
+        wrong.append(f'the authority is with {holder!r}')
+    state = STATES[probe.status.state]
+    probe.wait(lambda: probe.status.authority == '', 'authority that is free')
+    free = time.monotonic() - began
+    probe.applied(ExecutiveCommand.CLAIM_AUTHORITY)
+    probe.applied(ExecutiveCommand.STOP)
+    probe.wait_state(ExecutiveStatus.IDLE)
+    return {
+        'fault': how,
+        'process': name,
+        'metres': distance(there, rest) if stood else 0.0,
+        'seconds': round(max(0.0, moved - stamp(there)), 2) if stood else 0.0,
+        'run': f'{state}; of {len(given)} commands {len(told)} told as applied, {len(applied)} applied; authority free '
+        f'{free:.1f} s after the console; {"; ".join(wrong) or "all right"}',
+        'wrong': wrong,
     }
 
 
@@ -207,9 +283,7 @@ def flood(stack: Stack, probe: Probe, name: str, kind: str) -> dict[str, Any]:
     return {
         'fault': 'flood',
         'process': name,
-        'metres': round(
-            math.hypot(rest.pose.position.x - there.pose.position.x, rest.pose.position.y - there.pose.position.y), 3
-        ),
+        'metres': distance(there, rest),
         'seconds': round(max(0.0, moved - stamp(there)), 2),
         'run': f'{state}, {STATES[probe.status.state]} {probe.status.outcome}; {grown} MB; ready after {ready:.1f} s; '
         f'{texts}',
@@ -221,6 +295,12 @@ def unflooded(name: str, why: str, said: TextIO) -> dict[str, Any]:
     said.seek(0)
     run = f'the flood {why}: {said.read().strip()[-1000:]}'
     return {'fault': 'flood', 'process': name, 'metres': 0.0, 'seconds': FLOOD_SECONDS, 'run': run}
+
+
+def distance(one: PoseStamped, other: PoseStamped) -> float:
+    """m, to the millimetre."""
+    a, b = one.pose.position, other.pose.position
+    return round(math.dist((a.x, a.y), (b.x, b.y)), 3)
 
 
 def line(row: dict[str, Any]) -> str:

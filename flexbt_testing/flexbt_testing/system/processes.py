@@ -138,6 +138,7 @@ class Stack:
         self,
         simulator: Mapping[str, str] | None = None,
         bt_server: Mapping[str, str] | None = None,
+        onboard_executive: Mapping[str, str] | None = None,
         *,
         in_one: bool = False,
     ) -> None:
@@ -148,8 +149,9 @@ class Stack:
         """
         self.start('simulation' if in_one else 'simulator', simulator)
         self.start('bt_server', bt_server)
-        for name in ('onboard_executive',) if in_one else ('navigation', 'onboard_executive'):
-            self.start(name)
+        if not in_one:
+            self.start('navigation')
+        self.start('onboard_executive', onboard_executive)
 
     def kill(self, name: str) -> float:
         """kill -9; the uncontended time when."""

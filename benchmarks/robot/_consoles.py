@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The consoles of an operator as processes, one of each kind: each is given commands, and tells what was applied."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import os
+import re
+import signal
+import struct
+import subprocess
+import termios
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Final, Self
+
+from aiohttp import ClientError, ClientSession, WSMsgType
+
+from flexbt_testing.system.processes import executable
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+OPERATOR: Final = 'ann'
+
+
+class ConsoleEndedError(Exception):
+    """The console has ended before it has told what became of a command."""
+
+
+class Console:
+    """A console process of ``console WORDS``; leaving the context kills it."""
+
+    def __init__(self, *words: str, **streams: Any) -> None:
+        self._process = subprocess.Popen([executable('console'), *words, '--operator', OPERATOR], **streams)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """To the process."""
+        self._process.send_signal(number)
+
+    def do(self, command: str) -> None:
+        """Give a command; comes back when the console tells that it was applied.
+
+        Raises:
+            ConsoleEndedError: the console ends before.
+            AssertionError: it tells something else, or nothing for a long time.
+        """
+        raise NotImplementedError
+
+    def _wait(self, done: Callable[[], object], what: str) -> None:
+        def seen() -> object:
+            has_ended = self._process.poll() is not None
+            if found := done():
+                return found
+            if has_ended:
+                raise ConsoleEndedError(what)
+            return None
+
+        wait_until(seen, what, DEADLINE)
+
+
+class LineMode(Console):
+    """A process for each command."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        super().__init__('watch', stdout=subprocess.DEVNULL)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """To the process of the latest command, or of the next one."""
+        while True:
+            with self._lock:
+                if self._process.poll() is None:
+                    super().send_signal(number)
+                    return
+            threading.Event().wait(0.001)
+
+    def do(self, command: str) -> None:
+        """As in the base."""
+        super().__exit__(None, None, None)
+        with self._lock:
+            super().__init__(command, '--json', '--timeout', str(DEADLINE), stdout=subprocess.PIPE, text=True)
+        said, _ = self._process.communicate()
+        if self._process.returncode < 0:
+            raise ConsoleEndedError(command)
+        assert '"result": "applied"' in said, said
+
+
+class Screen(Console):
+    """The screen in a terminal."""
+
+    KEYS: Final = {'claim': b'c', 'pause': b'p', 'resume': b'p'}
+
+    def __init__(self) -> None:
+        self._terminal, other = os.openpty()
+        fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 30, 100, 0, 0))
+        super().__init__(
+            'screen', stdin=other, stdout=other, stderr=other, env={**os.environ, 'TERM': 'xterm-256color'}
+        )
+        os.close(other)
+        self._shown = b''
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        self._wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):  # the console is gone
+            while data := os.read(self._terminal, 65536):
+                self._shown += data
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, traceback)
+        self._reader.join()
+        os.close(self._terminal)
+
+    def do(self, command: str) -> None:
+        """As in the base."""
+        begin = len(self._shown)
+        os.write(self._terminal, self.KEYS[command])
+        self._wait(lambda: f'{command}: applied'.encode() in self._shown[begin:], f'{command} on the screen')
+
+
+class Page(Console):
+    """The server of the page, and a page; what is signaled is the server."""
+
+    def __init__(self) -> None:
+        super().__init__('web', '--port', '0', stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        told = self._process.stdout.readline()
+        found = re.search(r'http://\S+/', told)
+        assert found is not None, told
+        self._runner = asyncio.Runner()
+        self._runner.run(self._open(found[0]))
+
+    async def _open(self, address: str) -> None:
+        self._session = ClientSession()
+        self._socket = await self._session.ws_connect(f'{address}link', max_msg_size=0)
+        await self._socket.send_json({'hello': None})
+        await self._until(lambda content: content.get('parts', {}).get('link', {}).get('state') == 'live')
+
+    async def _until(self, done: Callable[[dict[str, Any]], object]) -> None:
+        async with asyncio.timeout(DEADLINE):
+            while True:
+                message = await self._socket.receive()
+                if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
+                    raise ConsoleEndedError(str(message.type))
+                if message.type is WSMsgType.TEXT and done(message.json()):
+                    return
+
+    async def _do(self, command: str) -> None:
+        await self._socket.send_json({'do': command, 'decision': None})
+        await self._until(lambda content: f'{command}: applied' in content.get('told', {}).get('text', ''))
+
+    def do(self, command: str) -> None:
+        """As in the base."""
+        try:
+            self._runner.run(self._do(command))
+        except (ClientError, ConnectionError) as error:
+            raise ConsoleEndedError(command) from error
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, traceback)
+        self._runner.run(self._session.close())
+        self._runner.close()
+
+
+CONSOLES: Final[dict[str, type[Console]]] = {
+    'console (line mode)': LineMode,
+    'console (screen)': Screen,
+    'console (page)': Page,
+}
