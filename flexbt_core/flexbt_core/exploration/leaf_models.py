@@ -71,10 +71,6 @@ LeafModels = Callable[[NodeDefinition], LeafModel]
 """Says what stands for a node."""
 
 REAL: Final = LeafModel(LeafKind.REAL)
-# Of Nav2: they take what was heard on their topic, or their default.
-_NEVER_FAIL: Final = frozenset(
-    f'{what}Selector' for what in ('Controller', 'Planner', 'Smoother', 'GoalChecker', 'ProgressChecker', 'PathHandler')
-)
 # What decides by the robot, or by messages, whether its child begins. GoalUpdater only hears of goals.
 _GATES: Final = {
     'PathLongerOnApproach': LeafModel(LeafKind.GATE, otherwise=SUCCESS, begins_first=False),
@@ -90,7 +86,7 @@ LIMITERS: Final = frozenset(
 
 
 def leaf_model(definition: NodeDefinition) -> LeafModel:
-    """What stands for a node of which no more is known than its class and its skill."""
+    """What stands for a node of which no more is known than its class, its ports and its skill."""
     manifest = definition.manifest
     module = manifest.node_class.__module__
     if definition.tree_id is not None:
@@ -105,9 +101,11 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
     own = frozenset(skill.resources) if skill is not None else frozenset[str]()
     ignores = skill is not None and skill.ignores_cancel
     is_instant = manifest.kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
-    results = (SUCCESS,) if manifest.id in _NEVER_FAIL else _RESULTS
+    declared = manifest.outcomes
+    possible = declared.possible(definition.values, ()).results if declared is not None else _RESULTS
+    results = tuple(one for one in _RESULTS if one in possible)
     if is_instant:
-        return LeafModel(LeafKind.INSTANT, results, own)
+        return LeafModel(LeafKind.INSTANT, results or _RESULTS, own)
     return LeafModel(LeafKind.ACTION, results, own, ignores_cancel=ignores)
 
 

@@ -21,6 +21,7 @@ from flexbt_core.behavior_tree import (
     Port,
     StatefulAction,
     SyncAction,
+    WithDefault,
     input_port,
     output_port,
 )
@@ -191,7 +192,7 @@ class _Selector(SyncAction):
             self._cache = services.topics.cache(String, str(self.get_input('topic_name')), names.latched())
             self._cache.on_message(self.context)
         message = self._cache.latest
-        name = message.data if message is not None else str(self.get_input_or(self.default, ''))
+        name = (message.data if message is not None else '') or str(self.get_input_or(self.default, ''))
         if not name:
             return self.fail(
                 f'nothing was published on {self.get_input("topic_name")}, and {self.default} is not given'
@@ -215,6 +216,7 @@ class ControllerSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_controller', 'default_controller'
     ports = _selector_ports('controller')
+    outcomes = WithDefault('default_controller')
 
 
 class PlannerSelector(_Selector):
@@ -223,6 +225,7 @@ class PlannerSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_planner', 'default_planner'
     ports = _selector_ports('planner')
+    outcomes = WithDefault('default_planner')
 
 
 class SmootherSelector(_Selector):
@@ -231,6 +234,7 @@ class SmootherSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_smoother', 'default_smoother'
     ports = _selector_ports('smoother')
+    outcomes = WithDefault('default_smoother')
 
 
 class GoalCheckerSelector(_Selector):
@@ -239,6 +243,7 @@ class GoalCheckerSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_goal_checker', 'default_goal_checker'
     ports = _selector_ports('goal_checker')
+    outcomes = WithDefault('default_goal_checker')
 
 
 class ProgressCheckerSelector(_Selector):
@@ -247,6 +252,7 @@ class ProgressCheckerSelector(_Selector):
     __slots__ = ()
     selected, default = 'selected_progress_checker', 'default_progress_checker'
     ports = _selector_ports('progress_checker')
+    outcomes = WithDefault('default_progress_checker')
 
 
 class PathHandlerSelector(_Selector):
@@ -257,6 +263,7 @@ class PathHandlerSelector(_Selector):
     nav2_branch = 'main'
     selected, default = 'selected_path_handler', 'default_path_handler'
     ports = _selector_ports('path_handler')
+    outcomes = WithDefault('default_path_handler')
 
 
 NODES: Final = (

@@ -465,3 +465,5 @@ def test_a_plugin_is_selected_by_a_latched_topic_and_before_by_the_default(world
     made = runtime.call(lambda: runtime.node.create_publisher(String, f'my_{kind}', names.latched()))
     runtime.call(lambda: made.publish(String(data='other')))
     wait_until(lambda: leaves(world, leaf) and entry(world, kind) == 'other', 'the selection')
+    runtime.call(lambda: made.publish(String()))  # none is chosen any more
+    wait_until(lambda: leaves(world, leaf) and entry(world, kind) == 'usual', 'the default')

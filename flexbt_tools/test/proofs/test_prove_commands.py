@@ -66,6 +66,27 @@ def test_what_is_wrong_in_a_tree_is_told_and_saved_as_a_test(tmp_path: Path) -> 
     saved()  # what was wrong has been put right
 
 
+@pytest.mark.parametrize(('together', 'default', 'ends'), [
+    ('Fallback', '', {'SUCCESS', 'FAILURE'}),
+    ('Fallback', '{usual}', {'SUCCESS', 'FAILURE'}),
+    ('Sequence', 'Usual', {'SUCCESS'}),
+])  # fmt: skip
+def test_what_selects_a_plugin_fails_where_it_may_have_no_default(
+    tmp_path: Path, together: str, default: str, ends: set[str]
+) -> None:
+    kinds = ('controller', 'planner', 'smoother', 'goal_checker', 'progress_checker', 'path_handler')
+    selectors = ''.join(
+        f'<{kind.title().replace("_", "")}Selector selected_{kind}="{{chosen}}" default_{kind}="{default}"/>'
+        for kind in kinds
+    )
+    tree = tmp_path / 'select.xml'
+    tree.write_text(document(f'Main: <{together}>{selectors}</{together}>'))
+    proofs = json.loads(tool('prove', str(tree), '--json').out)['proofs']
+    assert proofs[0]['complete'] and proofs[0]['ends'].keys() == ends
+    tree.write_text(document(f'Main: <Fallback>{selectors}<Wait/></Fallback>'))
+    assert ('it is never ticked' in tool('check', str(tree)).out) == ('FAILURE' not in ends)
+
+
 SPLIT = """machine:
   outcomes: [finished, failed]
   states:

@@ -38,7 +38,19 @@ from .names import (
     port_name_problem,
     tree_name_problem,
 )
-from .outcomes import Choice, Exchanged, InOrder, OneOf, Outcomes, Possible, Recovered, Repeated, Results, TimeLimit
+from .outcomes import (
+    Choice,
+    Exchanged,
+    InOrder,
+    OneOf,
+    Outcomes,
+    Possible,
+    Recovered,
+    Repeated,
+    Results,
+    TimeLimit,
+    WithDefault,
+)
 from .port_types import (
     ANY,
     BOOL,
@@ -141,6 +153,7 @@ __all__ = [
     'TreeKey',
     'TreeLibrary',
     'TreeLoadError',
+    'WithDefault',
     'acceleration',
     'between_semicolons',
     'bool_from_text',

@@ -24,6 +24,7 @@ _NOTHING: Final[Results] = frozenset()
 _FAILURE: Final = frozenset((FAILURE,))
 _RUNNING: Final = frozenset((RUNNING,))
 _SKIPPED: Final = frozenset((SKIPPED,))
+_SUCCESS: Final = frozenset((SUCCESS,))
 
 
 class Possible(NamedTuple):
@@ -55,6 +56,18 @@ class OneOf(Outcomes):
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         return Possible(frozenset(self.results), (True,) * len(children))
+
+
+@dataclass(frozen=True, slots=True)
+class WithDefault(Outcomes):
+    """A leaf that ends at once, and fails only where ``port`` has no text: it is known before a run, or may lack."""
+
+    port: str
+
+    def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
+        default = values.get(self.port)
+        is_given = default is not None and default.key is None and bool(default.text)
+        return Possible(_SUCCESS if is_given else _SUCCESS | _FAILURE, ())
 
 
 @dataclass(frozen=True, slots=True)
