@@ -32,18 +32,40 @@ from flexbt_console.present import encode_json
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_console.ui.web.picture import parts_of
 from flexbt_core.clock import ManualClock
+from flexbt_core.state_machine import AUTONOMY_NAMES
 from flexbt_msgs import msg
+from flexbt_msgs.action import SynthesizeBehavior
 
 NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
     msg.BlackboardEntry: {'data': 'the operator reads and writes text; the executive turns it into data'},
     msg.ExecutiveCommand: {'stamp': 'it is the time of sending: a command that is sent again gets another'},
+    msg.ExecutiveEvents: {'events': 'each is a record, with the number of its own'},
+    msg.TreeStatus: {'changes': 'they are in what each node ended with, and since when its status holds'},
+    msg.TreeStatusChange: {'previous_status': 'it is the one that the mirror has, where no message was lost'},
+    msg.TreeStructure: {'blackboard': 'the console shows no blackboards of trees'},
+    SynthesizeBehavior.Goal: {'operator_id': 'it is that of the console, not of the request'},
+    SynthesizeBehavior.Result: {
+        'code': 'where it is no answer, an exception is raised',
+        'message': 'it is the text of that exception',
+    },
 }
 """Fields of messages that no record has, and why."""
+
+NOT_SENT: Final[dict[Any, dict[str, str]]] = {
+    mirror.TreeRun: {
+        'last': 'from the changes of its statuses',
+        'since': 'from the changes of its statuses',
+    },
+}
+"""Fields of records that no message has, and where they are from."""
 
 RENAMED: Final[dict[Any, dict[str, str]]] = {
     msg.Progress: {'distance_remaining': 'distance', 'time_remaining': 'time', 'poses_remaining': 'poses'},
     msg.BehaviorParameter: {'default_value': 'default'},
     msg.ExecutiveCommand: {'operator_id': 'operator'},
+    msg.ExecutiveEvent: {'operator_id': 'operator'},
+    msg.ExecutiveEvents: {'first': 'sequence'},
+    msg.TreeStructure: {'behavior_tree': 'tree', 'number': 'structure'},
     msg.UserdataScope: {'entries': 'values'},
 }
 """Fields of messages by other names in the record."""
@@ -57,14 +79,33 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.BlackboardEntry: mirror.InputValue,
     msg.CommandResult: mirror.CommandResult,
     msg.ExecutiveCommand: mirror.Command,
+    msg.ExecutiveEvent: mirror.ExecutiveEvent,
+    msg.ExecutiveEvents: mirror.ExecutiveEvent,
     msg.ExecutiveLog: mirror.LogLine,
     msg.ExecutiveStatus: mirror.Snapshot,
     msg.PeerStatus: mirror.Peer,
     msg.Progress: mirror.Progress,
     msg.PendingDecision: mirror.Decision,
     msg.StateStructure: mirror.StateStructure,
+    msg.TreeNode: mirror.TreeNode,
+    msg.TreeStatus: mirror.TreeRun,
+    msg.TreeStatusChange: mirror.StatusChange,
+    msg.TreeStructure: mirror.TreeRun,
     msg.UserdataScope: mirror.UserdataScope,
+    SynthesizeBehavior.Goal: mirror.SynthesisRequest,
+    SynthesizeBehavior.Result: mirror.Synthesis,
 }
+"""The records of messages; what several tell may be one."""
+
+NO_RECORD: Final[dict[Any, str]] = {
+    msg.AutonomyLevel: 'a pair: path and level',
+    msg.BehaviorArgument: 'a pair: name and value',
+    msg.BtLoadError: 'of BtLoad, which no console asks for',
+    msg.BtLoadReport: 'of BtLoad, which no console asks for',
+    msg.Place: 'a pose by its name',
+    msg.PlaceList: 'poses by their names',
+}
+"""Messages that have none, and why."""
 
 CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.CommandResult: mirror.ResultCode,
@@ -74,30 +115,51 @@ CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.ExecutiveStatus: mirror.ExecutiveState,
     msg.PendingDecision: mirror.DecisionKind,
     msg.StateStructure: mirror.StateKind,
+    msg.TreeNode: mirror.NodeKind,
+    msg.TreeStatus: mirror.NodeStatus,
 }
 """The constants of a message as an enumeration. No console sends a command of kind UNKNOWN."""
 
 
-@pytest.mark.parametrize('message', RECORDS, ids=lambda message: message.__name__)
-def test_each_field_of_a_message_is_mirrored_or_left_out_for_a_reason(message: Any) -> None:
-    renamed, left_out = RENAMED.get(message, {}), NOT_MIRRORED.get(message, {})
-    fields = message.get_fields_and_field_types()
-    assert {*renamed, *left_out} <= fields.keys()
-    expected = {renamed.get(name, name) for name in fields if name not in left_out}
-    assert {field.name for field in dataclasses.fields(RECORDS[message])} == expected
+def test_each_message_has_a_record_or_none_for_a_reason() -> None:
+    messages = {one for one in vars(msg).values() if isinstance(one, type)}
+    assert {one for one in RECORDS if one in messages} | NO_RECORD.keys() == messages
+    assert not RECORDS.keys() & NO_RECORD.keys()
+
+
+@pytest.mark.parametrize('record', dict.fromkeys(RECORDS.values()), ids=lambda record: record.__name__)
+def test_each_field_of_a_message_is_mirrored_or_left_out_for_a_reason(record: Any) -> None:
+    expected = set(NOT_SENT.get(record, {}))
+    for message in (one for one, its in RECORDS.items() if its is record):
+        renamed, left_out = RENAMED.get(message, {}), NOT_MIRRORED.get(message, {})
+        fields = message.get_fields_and_field_types()
+        assert {*renamed, *left_out} <= fields.keys()
+        expected |= {renamed.get(name, name) for name in fields if name not in left_out}
+    assert {field.name for field in dataclasses.fields(record)} == expected
+
+
+def constants_of(message: Any) -> dict[str, int]:
+    """The numbers among the constants of a message, by their names."""
+    return {
+        name: value
+        for name in dir(type(message))
+        if name.isupper() and '__' not in name and isinstance(value := getattr(message, name), int)
+    }
 
 
 @pytest.mark.parametrize('message', CONSTANTS, ids=lambda message: message.__name__)
 def test_the_constants_of_a_message_are_those_of_the_record(message: Any) -> None:
-    constants = {
-        name: value
-        for name in dir(type(message))
-        if name.isupper() and isinstance(value := getattr(message, name), int) and not name.startswith('_')
-    }
+    constants = constants_of(message)
     if message is msg.ExecutiveCommand:
         del constants['UNKNOWN']
         assert constants.pop('NOTE_LENGTH') == mirror.NOTE_LENGTH
     assert {one.name: one.value for one in CONSTANTS[message]} == constants
+
+
+def test_levels_and_liveness_are_those_of_the_engine_and_of_the_action() -> None:
+    assert {int(one): one.name.title() for one in mirror.AutonomyLevel} == AUTONOMY_NAMES
+    liveness = {value: name.lower().replace('_', '-') for name, value in constants_of(SynthesizeBehavior.Goal).items()}
+    assert liveness == dict(enumerate(mirror.LIVENESS))
 
 
 def filled(message: Any, numbers: Any) -> Any:
@@ -176,6 +238,22 @@ def test_events_are_numbered_from_the_first_on() -> None:
     assert (first.sequence, second.sequence, first.executive_id) == (7, 8, 'e')
     assert first.kind is mirror.EventKind.COMMAND
     assert [name for name, value in values(first) if value in (None, '', 0, False)] == []
+
+
+def test_what_a_tree_tells_reaches_its_run() -> None:
+    known = mirror.Mirror(ManualClock())
+    receive = SurroundingsFeed(known).receivers
+    node = filled(msg.TreeNode(), itertools.repeat(2))
+    node.uid, node.parent = 1, 0
+    structure = filled(msg.TreeStructure(), itertools.repeat(2))
+    structure.nodes = [node]
+    receive[names.TREE_STRUCTURE](structure)
+    status = filled(msg.TreeStatus(), itertools.repeat(2))
+    status.changes[0].uid = 1
+    receive[names.TREE_STATUS](status)
+    (run,) = known.view().trees
+    forgotten = [name for name, value in values(run) if value in (None, '', (), 0, False)]
+    assert forgotten == ['TreeNode.parent']
 
 
 def test_the_places_of_the_robot_are_known_by_name() -> None:
