@@ -15,7 +15,7 @@ from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.exceptions import InvalidHandle
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
 from std_msgs.msg import Header
 
 from flexbt_common import names
@@ -134,7 +134,7 @@ class OperatorLink:
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
         line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
-        _log_to_node(self._runtime.node.get_logger(), severity, line)
+        _log_to_node(self._runtime.node, severity, line)
 
 
 def _pose(place: Place) -> PoseStamped:
@@ -145,7 +145,8 @@ def _pose(place: Place) -> PoseStamped:
     return pose
 
 
-def _log_to_node(logger: RcutilsLogger, severity: int, line: str) -> None:
+def _log_to_node(node: Node, severity: int, line: str) -> None:
+    logger = node.get_logger()
     # rclpy's logger refuses two severities from one place of the code.
     if severity >= ExecutiveLog.ERROR:
         logger.error(line)
