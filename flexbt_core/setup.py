@@ -23,7 +23,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Behavior trees (BehaviorTree.CPP XML) and hierarchical state machines (as in FlexBE), without ROS.',
+    description='Behavior trees (BehaviorTree.CPP), state machines (FlexBE), planning, synthesis, proof, without ROS.',
     # colcon runs this through a symbolic link.
     long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',

@@ -17,7 +17,7 @@ setup(
     zip_safe=False,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='FlexBE states and behaviors under FlexBT: interface, generic states and manifests of FlexBE.',
+    description="FlexBE's states and behaviors under FlexBT: its Python interface, generic states and manifests.",
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [],

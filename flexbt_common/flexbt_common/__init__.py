@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every FlexBT node shares: typed values, clocks, action calls with deadlines, liveliness, start and stop."""
+"""What every FlexBT node shares: typed values, action calls with deadlines, liveliness, start and stop."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The engines without ROS: behavior trees, hierarchical state machines, clocks and bounded values."""
+"""Behavior trees (BehaviorTree.CPP), state machines (FlexBE), planning, synthesis, proof, without ROS."""

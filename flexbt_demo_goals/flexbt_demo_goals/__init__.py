@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot that plans its way to a goal."""
+"""A robot plans its way to a goal, and plans anew where the world contradicts."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot of Nav2, and an operator on top."""
+"""A robot of Nav2 under an operator: trees, a program, and a behavior that it asks."""

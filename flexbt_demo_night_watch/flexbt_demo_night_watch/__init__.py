@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Two robots watch a building at night, under one operator: a package as users would ship one."""
+"""Two robots watch a building at night, under one operator."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's Python interface on FlexBT's engine: the names, arguments and meanings of ``flexbe_core``.
+"""FlexBE's states and behaviors under FlexBT: its Python interface, generic states and manifests.
 
 Code that imports ``flexbe_core`` itself runs as it is; see :mod:`flexbt_flexbe.shim`.
 """

@@ -115,6 +115,20 @@ def test_what_is_imported_is_declared(manifest: Manifest) -> None:
 
 
 @each_package
+def test_a_package_is_described_in_the_same_words_everywhere(manifest: Manifest) -> None:
+    """In package.xml, in setup.py, and where its docstring begins, of which the page of the architecture is made."""
+    described = manifest.root.findtext('description', '')
+    texts = {described}
+    if (setup := manifest.directory / 'setup.py').exists():
+        calls = (node for node in ast.walk(ast.parse(setup.read_text('utf-8'))) if isinstance(node, ast.keyword))
+        texts |= {ast.literal_eval(one.value) for one in calls if one.arg == 'description'}
+    if (front_door := manifest.directory / manifest.name / '__init__.py').exists():
+        docstring = ast.get_docstring(ast.parse(front_door.read_text('utf-8'))) or ''
+        texts.add(' '.join(docstring.partition('\n\n')[0].split()))
+    assert texts == {described}
+
+
+@each_package
 def test_what_is_declared_exists(manifest: Manifest) -> None:
     known = {*get_packages_with_prefixes(), *ROSDEP_KEYS.values(), *NOT_AMONG_THE_WHEELS, *PROGRAMS}
     assert {(found.text or '').strip() for found in manifest.root if found.tag.endswith('depend')} - known == set()
