@@ -76,7 +76,7 @@ class _HostedState:
     def start(self) -> None:
         """Before the run."""
         self._services = _services_of(self._shell._node)
-        self.state._host = self
+        self.state.bind(self)
         self.state.on_start()
 
     def enter(self, userdata: Any) -> None:
@@ -113,7 +113,7 @@ class _HostedState:
         if halting is not None:
             self.log(Severity.ERROR, f'not at rest {REST_SECONDS:g} s after the stop: {halting}')
         self.state.on_stop()
-        self.state._host = None
+        self.state.bind(None)
 
     def _guarded(self, what: str, callback: Any) -> str | None:
         try:

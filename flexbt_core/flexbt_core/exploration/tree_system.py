@@ -187,7 +187,7 @@ class TreeSystem:
         self._entry_names = {
             id(entry): key
             for subtree in reversed(self._tree.subtrees)
-            for key, entry in subtree.blackboard._entries.items()
+            for key, entry in subtree.blackboard.entries().items()
         }
         self._environment.described = self._described
         self._run = _Run()
@@ -197,7 +197,7 @@ class TreeSystem:
                 self._tree,
                 *self._tree.nodes,
                 *(subtree.blackboard for subtree in self._tree.subtrees),
-                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard._entries.values()),
+                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard.entries().values()),
                 self._tree.context,
                 self.clock,
                 self._environment,
@@ -215,7 +215,7 @@ class TreeSystem:
             return []
         names = self._observed.union(_NAME.findall(' '.join(scripts)))
         boards = [subtree.blackboard for subtree in self._tree.subtrees]
-        entries = [(key, entry) for board in boards for key, entry in board._entries.items()]
+        entries = [(key, entry) for board in boards for key, entry in board.entries().items()]
         read = {id(entry) for key, entry in entries if key in names} | {
             id(node.blackboard.entry(value.key))
             for node in self._tree.nodes
@@ -309,7 +309,7 @@ class TreeSystem:
 
     @property
     def written(self) -> frozenset[str]:
-        entries = self._board._entries.items()
+        entries = self._board.entries().items()
         return frozenset(key for key, entry in entries if entry.value is not EMPTY and key not in self.given)
 
     @property

@@ -276,7 +276,7 @@ class TreePlayer:
         names = {number: events.names[number] for number in watched}
         self._watched = {name.removeprefix(SET): number for number, name in names.items() if name.startswith(SET)}
         # Now, since what is kept of a tree has the callables by which it is ticked.
-        self._tree._fetch_ticks()
+        self._tree.fetch_ticks()
         board = self._tree.blackboard
         for node in self.nodes:
             if not isinstance(node, _Plugin):
@@ -300,7 +300,7 @@ class TreePlayer:
                 self._tree,
                 *self.nodes,
                 *(subtree.blackboard for subtree in self._tree.subtrees),
-                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard._entries.values()),
+                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard.entries().values()),
                 self._tree.context,
                 self._clock,
             ),

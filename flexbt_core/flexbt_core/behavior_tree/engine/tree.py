@@ -154,7 +154,7 @@ class Tree:
         if self.context.expansions:
             self._expand()
         if self.context.rewrapped:
-            self._fetch_ticks()
+            self.fetch_ticks()
         try:
             status = self._entry()
         except PortError as error:
@@ -192,7 +192,7 @@ class Tree:
             if isinstance(node, ExpandingAction):
                 self._drop(node)
 
-    def _fetch_ticks(self) -> None:
+    def fetch_ticks(self) -> None:
         """Has the parents of nodes fetch the callables anew by which they tick them."""
         count = len(self.context.rewrapped)  # other threads add to them when they set callbacks
         rewrapped = set(self.context.rewrapped[:count])

@@ -236,6 +236,11 @@ class Blackboard:
         with self.lock:
             return list(self._entries)
 
+    def entries(self) -> dict[str, Entry]:
+        """The entries of this scope itself at one moment, by their keys: they are those that it has, no copies."""
+        with self.lock:
+            return dict(self._entries)
+
     def snapshot(self) -> dict[str, Any]:
         """Keys and values of this scope at one moment, without those that were never written."""
         with self.lock:

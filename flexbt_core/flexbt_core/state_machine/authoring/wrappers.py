@@ -127,12 +127,11 @@ class StateWrapper(EventState):
     # The place in a run is that of the innermost state: it wakes, logs and asks as if nothing were around it.
 
     @property
-    def _host(self) -> StateHost | None:
-        return self.inner._host
+    def bound_to(self) -> StateHost | None:
+        return self.inner.bound_to
 
-    @_host.setter
-    def _host(self, host: StateHost | None) -> None:
-        self.inner._host = host
+    def bind(self, host: StateHost | None) -> None:
+        self.inner.bind(host)
 
 
 class _Timeout(StateWrapper):

@@ -100,14 +100,14 @@ class LeafRun:
         Raises:
             StateError: another run has it.
         """
-        if self.state._host is not None:
+        if self.state.bound_to is not None:
             raise StateError(
                 f'{self.path}: the state is part of a run that has not ended; define a machine for each run'
             )
 
     def bind(self) -> None:
         """Take the state for this run."""
-        self.state._host = self
+        self.state.bind(self)
 
     def start(self) -> bool:
         """Before the run; whether the state raised."""
@@ -125,7 +125,7 @@ class LeafRun:
             self._retire(self._successor)
         self.definition = definition
         self._successor = definition.state
-        self._successor._host = self
+        self._successor.bind(self)
 
     def move(self, scope: Scope) -> None:
         """Have the userdata of a machine, as it is now: what was read of it before is copied again."""
@@ -298,11 +298,11 @@ class LeafRun:
 
     def _retire(self, state: EventState) -> None:
         """Nothing follows for this state."""
-        if state._host is self:
+        if state.bound_to is self:
             try:
                 self.call('on_stop', state.on_stop)
             finally:
-                state._host = None
+                state.bind(None)
 
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object

@@ -153,6 +153,15 @@ class EventState:
         return self
 
     @property
+    def bound_to(self) -> StateHost | None:
+        """Its place in a run; None while it is part of none."""
+        return self._host
+
+    def bind(self, host: StateHost | None) -> None:
+        """Be part of a run, at this place; None: of none any more. For whoever runs the state."""
+        self._host = host
+
+    @property
     def type_name(self) -> str:
         """What people call this kind of state."""
         return type(self).__name__
@@ -165,7 +174,7 @@ class EventState:
     @property
     def path(self) -> str:
         """Path of the state in its run, as in ``/Outer/Inner``."""
-        host = self._host
+        host = self.bound_to
         return host.path if host is not None else type(self).__name__
 
     @property
@@ -180,7 +189,7 @@ class EventState:
 
     def wake(self) -> None:
         """Have the state executed, or asked whether it is halting, as soon as possible. From any thread."""
-        host = self._host  # the run may end on its thread meanwhile
+        host = self.bound_to  # the run may end on its thread meanwhile
         if host is not None:
             host.wake()
 
@@ -221,7 +230,7 @@ class EventState:
         self.log(Severity.ERROR, text)
 
     def _bound(self) -> StateHost:
-        host = self._host
+        host = self.bound_to
         if host is None:
             raise StateError(f'{type(self).__name__}: is not part of a run; this works only in its callbacks')
         return host

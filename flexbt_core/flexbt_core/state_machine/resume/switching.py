@@ -39,7 +39,7 @@ def _switch(run: MachineRun, definition: MachineDefinition) -> str | None:
         *reasons_against(definition, there),
         *_changes(definition, old.definition, position),
         *_missing_inputs(definition, position),
-        *(f'{leaf.path}: its state is part of a run already' for leaf in leaves if leaf.state._host is not None),
+        *(f'{leaf.path}: its state is part of a run already' for leaf in leaves if leaf.state.bound_to is not None),
     ]
     if not reasons:
         for leaf in leaves:
