@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from std_msgs.msg import Empty
 
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import DEADLINE, uncontended_time
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 PROGRAM = """
 import sys
@@ -158,10 +157,7 @@ def test_faults_of_callbacks_are_reported_and_the_executor_goes_on() -> None:
         runtime.clock.call_at(runtime.clock.now(), lambda: raising('alarm'))
         runtime.steady.call_at(runtime.steady.now(), lambda: raising('steady'))
         assert arrived.wait(DEADLINE)
-        deadline = time.monotonic() + DEADLINE
-        while not {'timer', 'posted', 'alarm', 'steady', 'message'} <= set(faults):
-            assert time.monotonic() < deadline, faults
-            time.sleep(0.01)
+        wait_until(lambda: {'timer', 'posted', 'alarm', 'steady', 'message'} <= set(faults), lambda: faults)
         assert runtime.call(lambda: 'alive') == 'alive'
 
 

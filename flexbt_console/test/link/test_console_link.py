@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -260,9 +259,7 @@ def test_the_end_and_the_return_of_the_executive_are_seen() -> None:
             first = operator.link.live_view(DEADLINE)
             command = operator.requests.autonomy(first, AutonomyLevel.FULL)
             operator.link.send(command, DEADLINE)
-            deadline = time.monotonic() + DEADLINE
-            while not executive.received and time.monotonic() < deadline:
-                time.sleep(0.01)
+            wait_until(lambda: executive.received, 'the command')
         operator.wait(lambda view: view.link is LinkState.LOST)
         with NodeRuntime.open('onboard_executive', namespace='restart') as runtime:
             again = ScriptedExecutive(runtime)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import itertools
 import json
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.mirror import CommandKind, ExecutiveState, NodeStatus, StatusChange
+from flexbt_testing.waiting import wait_until
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
 from selenium import webdriver  # noqa: E402
@@ -43,11 +43,7 @@ class Browser:
 
     def until(self, done: Callable[[], object]) -> Any:
         """Wait until that is so, and give it."""
-        end = time.monotonic() + DEADLINE
-        while not (found := done()):
-            assert time.monotonic() < end, self.driver.find_element(By.TAG_NAME, 'body').text
-            time.sleep(0.05)
-        return found
+        return wait_until(done, lambda: self.driver.find_element(By.TAG_NAME, 'body').text, DEADLINE)
 
     def text(self, id: str) -> str:
         """What is read at an element."""

@@ -11,7 +11,6 @@ import itertools
 import json
 import os
 import random
-import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +24,7 @@ from flexbt_server.groot2 import LogError, read_log
 from flexbt_server.groot2.protocol import RequestType
 from flexbt_testing.behavior_trees import wheel as bt_wheel
 from flexbt_testing.system.free_ports import free_pair
+from flexbt_testing.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed')
 
@@ -318,9 +318,7 @@ def test_log_files(pairs: Any, tmp_path: Path) -> None:
             assert host.line() in ('RUNNING', 'SUCCESS')
     ours = logs[0].read_bytes()
     # Its thread writes every 10 ms, and is not waited for at the end.
-    deadline = time.monotonic() + 20.0
-    while count(logs[1]) < count(logs[0]):
-        assert time.monotonic() < deadline
+    wait_until(lambda: count(logs[1]) >= count(logs[0]), 'the log of the library')
     assert ours[:19] == logs[1].read_bytes()[:19] == b'BTCPP4-FileLogger2\x01'
     read = [read_log(path) for path in logs]
     assert read[0].nodes == read[1].nodes
