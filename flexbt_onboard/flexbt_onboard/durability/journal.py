@@ -3,8 +3,8 @@
 
 The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is written anew, beside the
 old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of what a
-crash has cut off at the end the whole lines count. A file that is damaged in another way is kept aside, as
-``<node>.<time>.damaged``, and what can be read of it counts.
+crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
+``<node>.<time>.corrupt``, and what can be read of it counts.
 
 A thread of its own writes, so that a disk that takes its time, or hangs, holds up nobody but those who wait for what
 they have written to be durable (:meth:`Journal.when_durable`).
@@ -129,7 +129,7 @@ class Journal:
         """
         self.file = file
         self.state = JournalState()
-        self.damage = ''
+        self.corruption = ''
         """What the operator has to know of the file that was found; '' when all is well."""
         self.torn = ''
         """What the operator may want to know of it: what the crash has cut off; '' for nothing."""
@@ -207,15 +207,15 @@ class Journal:
                 f'the last line of the journal {self.file} was cut off when the executive ended ({found.torn} bytes): '
                 'what it said had not been told to anybody'
             )
-        if found.damage:
-            aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.damaged')
+        if found.corruption:
+            aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.corrupt')
             try:
                 os.link(self.file, aside)  # where nothing is lost when the process ends now; needs no space
             except OSError:
                 self.file.replace(aside)  # not every file system has links
-            self.damage = (
-                f'the journal {self.file} is damaged: {found.damage}. It is kept as {aside}; {len(found.lines)} lines '
-                'of it count: a run that was interrupted may not be known, or be known at an earlier state'
+            self.corruption = (
+                f'the journal {self.file} is corrupt: {found.corruption}. It is kept as {aside}; {len(found.lines)} '
+                'lines of it count: a run that was interrupted may not be known, or be known at an earlier state'
             )
 
     # -- the thread that writes ---------------------------------------------------------------------------------------

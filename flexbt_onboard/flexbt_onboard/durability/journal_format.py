@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The lines of a journal: how they are written, and what can be read of a file that is damaged.
+"""The lines of a journal: how they are written, and what can be read of a file that is corrupt.
 
 A line is the CRC-32 of its rest as eight hexadecimal digits, its number, and an object of JSON, with a space between
 them. The first line, number 0, is the head, ``{"format": 2}``; the others have some of these:
@@ -12,7 +12,7 @@ autonomy  the level for the next run, as an operator set it; null for that of th
 commands  lists of id, code and reason: commands that were decided with what else is in the line
 ========  ==============================================================================================================
 
-Each line says by itself what it is about, so that those after a damaged one are of use.
+Each line says by itself what it is about, so that those after a corrupt one are of use.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MOST_TOLD: Final = 5
 """Problems of a file that are told one by one."""
 
 _MOST_PROBLEMS: Final = 10_000
-"""Lines that are damaged, after which nothing more is read: the start of an executive waits for it."""
+"""Lines that are corrupt, after which nothing more is read: the start of an executive waits for it."""
 
 _LONGEST_NAME: Final = 4096
 _LONGEST_TEXT: Final = 2_000_000
@@ -52,7 +52,7 @@ class FoundJournal:
     """What a file says: the content of its lines, and what is wrong with it."""
 
     lines: Sequence[Line] = ()
-    damage: str = ''
+    corruption: str = ''
     """What no crash leaves behind; '' for nothing."""
     torn: int = 0
     """Bytes of a last line that was not written to its end, as a crash leaves it."""
@@ -82,7 +82,7 @@ def read_journal(data: bytes) -> FoundJournal:
             if number == 0:
                 version = content.get('format')
                 if version != FORMAT:
-                    return FoundJournal(damage=_of_format(version))
+                    return FoundJournal(corruption=_of_format(version))
             elif problem := _problem_of(content):
                 raise ValueError(problem)
             if number in found:
@@ -98,13 +98,13 @@ def read_journal(data: bytes) -> FoundJournal:
         found[number], expected = content, number + 1
     if raw_lines and version is None:
         if not found:
-            return FoundJournal(damage=_of_format(1 if _is_of_format_1(raw_lines[0]) else None))
+            return FoundJournal(corruption=_of_format(1 if _is_of_format_1(raw_lines[0]) else None))
         if not problems:
             problems.append('it has no head')
     elif not data:
         problems.append('it is empty')
     elif not raw_lines and not encode_head().startswith(data):  # as of zeros, after a loss of power
-        return FoundJournal(damage=_of_format(None))
+        return FoundJournal(corruption=_of_format(None))
     found.pop(0, None)
     return FoundJournal([found[number] for number in sorted(found)], _told(problems), len(rest))
 

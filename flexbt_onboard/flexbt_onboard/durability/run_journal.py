@@ -125,9 +125,9 @@ class RunJournal:
             await_closed(file)
 
     @property
-    def damage(self) -> str:
+    def corruption(self) -> str:
         """What the operator has to know of the journal that was found; '' when all is well."""
-        return self._journal.damage if self._journal is not None else ''
+        return self._journal.corruption if self._journal is not None else ''
 
     @property
     def torn(self) -> str:

@@ -304,7 +304,7 @@ class _Reader:
         try:
             self._monitor = SkillMonitor(skills if isinstance(skills, dict) else {})
         except SkillError:
-            self._monitor = SkillMonitor({})  # a line of somebody else's, or damaged
+            self._monitor = SkillMonitor({})  # a line of somebody else's, or corrupt
 
     def _note(self, path: str, now: float, texts: Iterable[str]) -> None:
         self._metrics.contradictions += [Contradiction(now, path, text) for text in texts]

@@ -218,8 +218,8 @@ class Executive:
 
     def _announce(self) -> None:
         """Tell what there is, and what is wrong with it."""
-        if self._journal.damage:
-            self._report.log(ExecutiveLog.ERROR, self._journal.damage)
+        if self._journal.corruption:
+            self._report.log(ExecutiveLog.ERROR, self._journal.corruption)
         if self._journal.torn:
             self._report.log(ExecutiveLog.WARN, self._journal.torn)
         self._publish_behaviors()

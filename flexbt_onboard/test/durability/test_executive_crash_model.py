@@ -124,7 +124,7 @@ def started_again(parent: Path, content: bytes) -> RunJournal:
     journal = RunJournal(directory, NAME, lambda _problem: None, ManualClock())
     journal.sync(20.0)
     journal.close()
-    assert not journal.damage
+    assert not journal.corruption
     return journal
 
 
@@ -209,7 +209,7 @@ def test_each_confirmation_counts_once_wherever_the_journal_ends(
     bench.executive._journal.sync(10.0)
     whole = disk.history[-1]
     lines = whole.splitlines(keepends=True)
-    assert not read_journal(whole).damage
+    assert not read_journal(whole).corruption
     seen = set()
     for number in range(2, len(lines) + 1):
         for torn in (b'', lines[number][:17] if number < len(lines) else b''):

@@ -128,7 +128,7 @@ def written(journal: Journal) -> Journal:
 @given(st.lists(LINES, max_size=12))
 def test_what_is_written_is_read(lines: list[Line]) -> None:
     found = read_journal(file_of(lines))
-    assert (found.damage, found.torn) == ('', 0)
+    assert (found.corruption, found.torn) == ('', 0)
     assert state_of(list(found.lines)) == state_of(json.loads(json.dumps(lines)))
 
 
@@ -139,8 +139,8 @@ def test_a_file_that_is_cut_off_at_any_byte_holds_the_lines_before_and_says_so()
         found = read_journal(data[:cut])
         whole = sum(end <= cut for end in ends) - 1
         assert list(found.lines) == STORY[: max(0, whole)], cut
-        assert (found.damage, bool(found.torn)) == ('', cut not in ends), cut
-    assert 'empty' in read_journal(b'').damage
+        assert (found.corruption, bool(found.torn)) == ('', cut not in ends), cut
+    assert 'empty' in read_journal(b'').corruption
 
 
 def test_a_byte_that_is_flipped_costs_its_own_line_and_is_told() -> None:
@@ -150,7 +150,7 @@ def test_a_byte_that_is_flipped_costs_its_own_line_and_is_told() -> None:
         flipped = bytearray(data)
         flipped[place] ^= 1 << source.randrange(8)
         found = read_journal(bytes(flipped))
-        assert found.damage or found.torn, place
+        assert found.corruption or found.torn, place
         number = data[:place].count(b'\n')
         # A line break that is no more, or a new one, costs its neighbor, too.
         lost = [line for line in STORY if line not in found.lines]
@@ -166,15 +166,15 @@ def test_lines_that_are_swapped_doubled_or_missing_are_told_and_the_others_count
         without = whole[:first] + whole[first + 1 :]
         if first < len(whole) - 1:  # as if it had never been written
             found = read_journal(b''.join(without))
-            assert found.damage
+            assert found.corruption
             assert list(found.lines) == [line for number, line in enumerate(STORY, 1) if number != first]
         found = read_journal(b''.join([*whole[: first + 1], *whole[first:]]))
-        assert 'as one before' in found.damage and list(found.lines) == STORY
+        assert 'as one before' in found.corruption and list(found.lines) == STORY
         for second in range(first):
             swapped = list(whole)
             swapped[first], swapped[second] = swapped[second], swapped[first]
             found = read_journal(b''.join(swapped))
-            assert 'has the number' in found.damage
+            assert 'has the number' in found.corruption
             assert list(found.lines) == STORY
 
 
@@ -195,7 +195,7 @@ JSON = st.recursive(
 def test_lines_of_any_json_are_told_or_fit(contents: list[Any]) -> None:
     found = read_journal(file_of([STORY[1], *contents, STORY[2]]))
     assert found.lines[0] == STORY[1] and found.lines[-1] == STORY[2]
-    assert bool(found.damage) == (len(found.lines) < len(contents) + 2)
+    assert bool(found.corruption) == (len(found.lines) < len(contents) + 2)
     state_of(list(found.lines))
 
 
@@ -224,28 +224,28 @@ BAD_PARTS: list[tuple[Line, str]] = [
 @pytest.mark.parametrize(('line', 'named'), BAD_PARTS)
 def test_a_line_of_another_shape_is_named(line: Line, named: str) -> None:
     found = read_journal(file_of([*STORY[:2], line, *STORY[3:]]))
-    assert 'line 4' in found.damage and named in found.damage
+    assert 'line 4' in found.corruption and named in found.corruption
     assert list(found.lines) == [*STORY[:2], *STORY[3:]]
 
 
-def test_a_file_of_damaged_lines_alone_is_not_read_to_its_end() -> None:
+def test_a_file_of_corrupt_lines_alone_is_not_read_to_its_end() -> None:
     found = read_journal(file_of(STORY) + b'\n' * 1_000_000)
-    assert list(found.lines) == STORY and 'nothing was read after line' in found.damage
+    assert list(found.lines) == STORY and 'nothing was read after line' in found.corruption
     found = read_journal(b'\0' * 1_000_000)  # as some file systems leave it after a loss of power
-    assert 'does not begin as a journal' in found.damage and not found.torn
+    assert 'does not begin as a journal' in found.corruption and not found.torn
 
 
 def test_a_journal_of_another_format_is_refused_by_its_number(tmp_path: Path, opened: Any) -> None:
-    assert 'does not begin as a journal' in read_journal(b'01234567 {}\n').damage
+    assert 'does not begin as a journal' in read_journal(b'01234567 {}\n').corruption
     text = b'{"begin":{"run":"r"}}'
-    assert 'of format 1,' in read_journal(b'%08x %s\n' % (zlib.crc32(text), text)).damage
+    assert 'of format 1,' in read_journal(b'%08x %s\n' % (zlib.crc32(text), text)).corruption
     later = encode_line(0, {'format': FORMAT + 1}) + encode_line(1, STORY[1])
-    assert f'of format {FORMAT + 1},' in read_journal(later).damage
+    assert f'of format {FORMAT + 1},' in read_journal(later).corruption
     file = tmp_path / 'e.journal'
     file.write_bytes(later)
     journal = opened(file)
-    (aside,) = tmp_path.glob('e.*.damaged')
-    assert aside.read_bytes() == later and str(aside) in journal.damage
+    (aside,) = tmp_path.glob('e.*.corrupt')
+    assert aside.read_bytes() == later and str(aside) in journal.corruption
     assert journal.state == JournalState()
 
 
@@ -265,7 +265,7 @@ def test_a_journal_that_was_cut_off_goes_on_from_the_lines_before(lines: list[Li
         file.write_bytes(whole[:cut] + data.draw(st.sampled_from([b'', b'\0' * 40]), label='rest'))
         survived = lines[: sum(end <= cut for end in ends) - 1]
         journal = Journal(file, no_problem, clock)
-        assert journal.state == state_of(survived) and not journal.damage
+        assert journal.state == state_of(survived) and not journal.corruption
         journal.append(begin=begin_of('further'))
         journal.close()
         journal._thread.join()  # a slow disk is waited for
@@ -273,29 +273,29 @@ def test_a_journal_that_was_cut_off_goes_on_from_the_lines_before(lines: list[Li
         last.close()
         last._thread.join()
         assert last.state == state_of([*survived, {'begin': begin_of('further')}])
-        assert (last.damage, last.torn) == ('', '')
+        assert (last.corruption, last.torn) == ('', '')
 
 
-def test_a_damaged_file_is_kept_aside_and_told_once(tmp_path: Path, opened: Any) -> None:
+def test_a_corrupt_file_is_kept_aside_and_told_once(tmp_path: Path, opened: Any) -> None:
     file = tmp_path / 'e.journal'
     data = bytearray(file_of(STORY))
     data[len(file_of(STORY[:3])) + 20] ^= 1
     file.write_bytes(bytes(data))
     journal = written(opened(file))
-    (aside,) = tmp_path.glob('e.*.damaged')
-    assert str(aside) in journal.damage and 'line 5' in journal.damage and f'{len(STORY) - 1} lines' in journal.damage
+    (aside,) = tmp_path.glob('e.*.corrupt')
+    assert all(text in journal.corruption for text in (str(aside), 'line 5', f'{len(STORY) - 1} lines'))
     assert aside.read_bytes() == data
     assert journal.state == state_of([*STORY[:3], *STORY[4:]])
     journal.close()
     again = opened(file)
-    assert (again.state, again.damage) == (journal.state, '')
+    assert (again.state, again.corruption) == (journal.state, '')
 
 
 def test_what_a_crash_has_cut_off_is_told(tmp_path: Path, opened: Any) -> None:
     file = tmp_path / 'e.journal'
     file.write_bytes(file_of(STORY)[:-3])
     journal = opened(file)
-    assert 'cut off' in journal.torn and not journal.damage
+    assert 'cut off' in journal.torn and not journal.corruption
     assert journal.state == state_of(STORY[:-1])
 
 
@@ -380,7 +380,7 @@ def test_a_full_disk_is_told_once_each_time_and_what_fits_again_is_whole(tmp_pat
     file = tmp_path / 'e.journal'
     subprocess.run([sys.executable, '-c', FULL_DISK, str(file)], check=True, timeout=60, env=os.environ)
     journal = opened(file)
-    assert (journal.state.begin['run'], journal.state.position['active'], journal.damage) == ('r', ['/Last'], '')
+    assert (journal.state.begin['run'], journal.state.position['active'], journal.corruption) == ('r', ['/Last'], '')
 
 
 def test_a_directory_that_disappears_is_told_and_made_again(tmp_path: Path, opened: Any) -> None:

@@ -128,7 +128,7 @@ class JournalTarget(Target):
             file.write_bytes(content)
             journal = RunJournal(self._directory.name, '/executive', lambda _problem: None, ManualClock())
             try:
-                counts['refused' if journal.damage else 'read'] += 1
+                counts['refused' if journal.corruption else 'read'] += 1
                 run = journal.interrupted
                 if run is not None:
                     shown = (run.run_id, run.behavior, run.by, *run.active, *run.levels, *run.locked, *run.breakpoints)
@@ -136,7 +136,7 @@ class JournalTarget(Target):
                     with contextlib.suppress(CommandRefusedError):
                         run.position()
                 _ = [(result.command_id.encode(), result.reason.encode()) for result in journal.results]
-                kinds.append((run is None, len(journal.results), journal.damage.split(':')[-1][:40]))
+                kinds.append((run is None, len(journal.results), journal.corruption.split(':')[-1][:40]))
                 journal.sync(10.0)
             finally:
                 journal.close()
