@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
@@ -112,6 +113,14 @@ class Mirror:
         self._standstill = StandstillWatch()
         self._surroundings = Surroundings()
         self._scan_until = math.inf
+
+    def copy(self, clock: Clock) -> Mirror:
+        """Another one that knows the same, and goes on by itself, on ``clock``. Nobody listens to it."""
+        other = Mirror(clock)
+        with self._lock:
+            own = ('_clock', '_lock', '_listeners')
+            vars(other).update({name: _copied(value) for name, value in vars(self).items() if name not in own})
+        return other
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
         """Call ``listener`` after each change, on the thread that brought it."""
@@ -390,3 +399,15 @@ class Mirror:
             listeners = tuple(self._listeners)
         for listener in listeners:
             listener(change)
+
+
+def _copied(value: Any) -> Any:
+    """What can change is copied; records cannot."""
+    if isinstance(value, (list, deque)):
+        return copy(value)
+    if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, StandstillWatch)):
+        return value
+    made = copy(value)
+    parts = made if isinstance(made, dict) else vars(made)
+    parts.update({name: _copied(part) for name, part in parts.items()})
+    return made

@@ -9,10 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.serialization import deserialize_message
-
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
+from flexbt_common.runtime import Received
 from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, resolve_type, seconds_of
 from flexbt_console.errors import RefusedError, UsageError
@@ -33,25 +32,35 @@ from flexbt_core.clock import ManualClock
 from flexbt_core.errors import FlexbtError
 
 from .definitions import fields_of, full_definition
-from .run_file import Recorded, read_run
+from .run_file import DAMAGED, Recorded, read_run
 from .topics import NOT_REPLAYED, TOPICS
 
 MOMENT: Final = 0.02
 """Seconds within which what is said belongs together, such as a status and a line of the log."""
 
 
+KEPT_EACH: Final = 500
+"""Messages from one picture that is kept to the next: as many at most have to be read again to go back."""
+
+
 class RunPlayer:
-    """A recording, and the ``mirror`` at ``time``, in seconds from its first message on.
+    """A recording, and the ``mirror`` at ``time``, in seconds from its first message on. That it lacks its end is the
+    mirror's problem; a message that cannot be read is left aside.
 
     Raises:
         UsageError: the file cannot be read, has no run, or was recorded with other fields of the messages.
     """
 
     def __init__(self, file: Path) -> None:
-        self._messages = [one for one in read_run(file) if one.topic not in NOT_REPLAYED and one.topic in TOPICS]
+        damaged: list[str] = []
+        messages = read_run(file, lambda: damaged.append(f'the recording {DAMAGED}'))
+        known = (one for one in messages if one.topic not in NOT_REPLAYED and one.topic in TOPICS)
+        self._messages = sorted(known, key=lambda one: one.time)
         if not self._messages:
             raise UsageError(f'{file}: has no messages of a run')
-        for name, definition in {one.type: one.definition for one in self._messages}.items():
+        for (topic, name), definition in {(one.topic, one.type): one.definition for one in self._messages}.items():
+            if name != TOPICS[topic].type:
+                raise UsageError(f'{file}: {topic} has the type {name}, and not {TOPICS[topic].type}')
             if fields_of(full_definition(name)) != fields_of(definition):
                 raise UsageError(f'{file}: {name} has other fields than when this was recorded')
         self._scans, self._statics = (
@@ -61,26 +70,38 @@ class RunPlayer:
         begin = self._messages[0].time
         self._times = [(one.time - begin) * 1e-9 for one in self._messages]
         self.duration = self._times[-1]
-        self.time = -1.0
+        blank = Mirror(ManualClock())
+        blank.set_problem(''.join(damaged))
+        self._kept = [(blank, SurroundingsFeed(blank).map_frame)]
+        self.time, self._next = 0.0, 0
+        self._restore(0)
         self.go_to(0.0)
 
     def go_to(self, time: float) -> None:
-        """Show what was known at a time, limited to the recording. Going back is going there from the beginning."""
+        """Show what was known at a time, limited to the recording. Back it goes from what was kept last."""
         time = min(max(0.0, time), self.duration)
-        if time < self.time or self.time < 0.0:
-            self._clock = ManualClock()
-            self.mirror = Mirror(self._clock)
-            self._feed = SurroundingsFeed(self.mirror)
-            self._receive = _receivers(self.mirror, self._feed)
-            self._next, self._scan = 0, -1
         end = bisect.bisect_right(self._times, time)
+        if time < self.time:
+            self._restore(min(end // KEPT_EACH, len(self._kept) - 1))
         for place in range(self._next, end):
+            if place == len(self._kept) * KEPT_EACH:
+                self._kept.append((self.mirror.copy(ManualClock()), self._feed.map_frame))
             self._clock.set(self._times[place])
             self._take(self._messages[place])
         self._next = end
         self._clock.set(time)
         self.time = time
         self._show_scan(end)
+
+    def _restore(self, number: int) -> None:
+        """What was known before a message, of which each :data:`KEPT_EACH`-th that was passed has been kept."""
+        kept, map_frame = self._kept[number]
+        self._clock = ManualClock()
+        self.mirror = kept.copy(self._clock)
+        self._feed = SurroundingsFeed(self.mirror)
+        self._feed.map_frame = map_frame
+        self._receive = _receivers(self.mirror, self._feed)
+        self._next, self._scan = number * KEPT_EACH, -1
 
     def _show_scan(self, end: int) -> None:
         """Place the last scan before a message, by the transforms around it. Others are never looked at."""
@@ -135,19 +156,22 @@ class RunPlayer:
         receive = self._receive.get(one.topic)
         if one.topic != names.EXECUTIVE_STATUS and receive is None:
             return
-        message = _message(one)
-        if receive is not None:
-            with contextlib.suppress(ValueError, LimitExceededError):  # left aside then, too
+        with contextlib.suppress(ValueError, LimitExceededError):  # left aside then, too
+            message = _message(one)
+            if receive is not None:
                 receive(message)
-        else:
-            self.mirror.receive_snapshot(snapshot_record(message), Transit(one.sent * 1e-9, one.time * 1e-9))
+            else:
+                self.mirror.receive_snapshot(snapshot_record(message), Transit(one.sent * 1e-9, one.time * 1e-9))
 
 
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
 
 
 def _message(one: Recorded) -> Any:
-    return deserialize_message(one.data, resolve_type(one.type).message)
+    """Raises ValueError for bytes that are no such message."""
+    message_type = resolve_type(one.type).message
+    assert message_type is not None  # as for all of TOPICS
+    return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)
 
 
 def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:

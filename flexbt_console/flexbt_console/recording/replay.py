@@ -71,10 +71,13 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
     """
     from flexbt_common.runtime import NodeRuntime
 
-    from .run_file import read_run
+    from .run_file import DAMAGED, read_run
     from .topics import NOT_REPLAYED
 
-    messages = (one for one in read_run(file) if one.topic not in NOT_REPLAYED)
+    def tell_damage() -> None:
+        print(f'replay: {file}: {DAMAGED}', file=sys.stderr)
+
+    messages = (one for one in read_run(file, tell_damage) if one.topic not in NOT_REPLAYED)
     first = next(messages, None)
     if first is None:
         raise UsageError(f'{file}: has no messages of a run')

@@ -12,7 +12,7 @@ import contextlib
 import itertools
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final, cast
@@ -30,6 +30,9 @@ MOST_WAITING: Final = 16_000_000
 """Bytes that may wait for the disk, at most."""
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
+
+DAMAGED: Final = 'lacks its end: its recorder was killed, or the file was cut off or damaged'
+"""What is told of a recording for which :func:`read_run` has called ``at_damage``."""
 
 RELATIVE_NAME: Final = 'flexbt_topic'
 """Key of a channel's metadata: the name of the topic in the namespace of its robot."""
@@ -168,8 +171,9 @@ def recover_run(file: Path, whole: Path) -> int:
     return number
 
 
-def read_run(file: Path) -> Iterator[Recorded]:
-    """The messages of a file in the order in which they were heard; ends where the file was cut off or damaged.
+def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iterator[Recorded]:
+    """The messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
+    ``at_damage`` is called.
 
     Raises UsageError when it is no MCAP file.
     """
@@ -178,7 +182,7 @@ def read_run(file: Path) -> Iterator[Recorded]:
             if stream.read(len(_MAGIC)) != _MAGIC:
                 raise UsageError(f'{file}: is no MCAP file')
             stream.seek(0)
-            yield from _messages(StreamReader(stream).records)
+            yield from _messages(_sound(StreamReader(stream, validate_crcs=True).records, at_damage))
     except OSError as error:
         raise UsageError(f'{file}: cannot be read: {error.strerror or error}') from error
 
@@ -186,7 +190,7 @@ def read_run(file: Path) -> Iterator[Recorded]:
 def _messages(records: Iterator[object]) -> Iterator[Recorded]:
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    while (record := _next(records)) is not None:
+    for record in records:
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -208,11 +212,11 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
                 )
 
 
-def _next(records: Iterator[object]) -> object | None:
-    """The next record; None at the end, and where the file is damaged, from which any exception may follow."""
+def _sound(records: Iterator[object], at_damage: Callable[[], object]) -> Iterator[object]:
+    """The records up to where the file is damaged, from which any exception may follow."""
     try:
-        return next(records, None)
+        yield from records
     except OSError:
         raise
     except Exception:
-        return None
+        at_damage()

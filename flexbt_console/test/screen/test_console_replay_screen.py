@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import random
 from pathlib import Path
 from typing import Any
 
+import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import OccupancyGrid
@@ -19,13 +21,14 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_console.commands import CommandBuilder
+from flexbt_console.errors import UsageError
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import RunWriter
 from flexbt_console.recording.topics import TOPICS
 from flexbt_console.ui.screen import NOTHING_SENT, NoLink, OperatorScreen, ReplayBar
 from flexbt_core.clock import ManualClock
-from flexbt_msgs.msg import ActiveState, ExecutiveStatus
+from flexbt_msgs.msg import ActiveState, ExecutiveLog, ExecutiveStatus, TreeNode, TreeStatus, TreeStructure
 
 
 def recording(file: Path) -> Path:
@@ -46,6 +49,12 @@ def recording(file: Path) -> Path:
         scan = LaserScan(header=_header('lidar', second), range_max=8.0, ranges=[1.0])
         said.append((second + 0.125, names.SCAN, scan))
         said.append((second + 0.25, names.TF, _transform('map', 'base_link', 1.0 + 0.5 * second, 3.0, second)))
+    nodes = [TreeNode(uid=1, name='Main'), TreeNode(uid=2, parent=1, name='Wait')]
+    said.append((0.0, names.TREE_STRUCTURE, TreeStructure(run_id='t', behavior_tree='Drive', nodes=nodes, number=1)))
+    for second in range(10):
+        tree = TreeStatus(run_id='t', sequence=second + 1, structure=1, statuses=[1, second % 3])
+        line = ExecutiveLog(executive_id='e', sequence=second + 1, severity=ExecutiveLog.INFO, text=f'line {second}')
+        said += [(second + 0.01, names.TREE_STATUS, tree), (second + 0.01, names.EXECUTIVE_LOG, line)]
     with contextlib.closing(RunWriter(file)) as writer:
         for topic in {topic for _, topic, _ in said}:
             writer.add_topic(topic, f'/{topic}', TOPICS[topic].type, full_definition(TOPICS[topic].type))
@@ -77,6 +86,18 @@ def test_the_scan_of_each_moment_is_where_it_was_taken(tmp_path: Path) -> None:
     ):
         player.go_to(time)
         assert player.mirror.view().surroundings.scan == points
+
+
+def test_going_back_shows_what_was_shown_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, chance = recording(tmp_path / 'run.mcap'), random.Random(5)
+    monkeypatch.setattr('flexbt_console.recording.player.KEPT_EACH', 3)
+    player = RunPlayer(file)
+    for _ in range(40):
+        player.go_to(chance.uniform(0.0, 10.0))
+        straight = RunPlayer(file)
+        straight.go_to(player.time)
+        assert player.mirror.view() == straight.mirror.view() and len(player.mirror.view().trees) == 1
+        assert player.mirror.log() == straight.mirror.log() != ()
 
 
 def text_of(app: OperatorScreen) -> str:
@@ -131,3 +152,38 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: P
             assert app.return_code == 0
 
     asyncio.run(run())
+
+
+def test_a_recording_that_is_damaged_anywhere_is_shown_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
+    whole = recording(tmp_path / 'run.mcap').read_bytes()
+    assert RunPlayer(tmp_path / 'run.mcap').mirror.view().problem == ''
+    chance = random.Random(11)
+    shown = 0
+    for number in range(60):
+        file, place = tmp_path / f'{number}.mcap', chance.randrange(len(whole))
+        is_cut = number % 2 == 0
+        rest = b'' if is_cut else bytes([whole[place] ^ 1 << number // 2 % 8]) + whole[place + 1 :]
+        file.write_bytes(whole[:place] + rest)
+        try:
+            player = RunPlayer(file)
+        except UsageError as error:  # nothing of it is left, or the definition of a message is damaged
+            assert str(file) in str(error)
+            continue
+        shown += 1
+        for time in (player.duration, 0.0, player.duration / 2.0):
+            player.go_to(time)
+            assert 'lacks its end' in player.mirror.view().problem or not is_cut
+    assert shown > 20
+
+
+def test_a_message_that_cannot_be_read_is_left_aside(tmp_path: Path) -> None:
+    status = ExecutiveStatus(executive_id='e', sequence=1, state=ExecutiveStatus.RUNNING, run_id='r')
+    kind = TOPICS[names.EXECUTIVE_STATUS].type
+    with contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer:
+        writer.add_topic(names.EXECUTIVE_STATUS, '/status', kind, full_definition(kind))
+        for second, data in enumerate((serialize_message(status), b'', b'\0\1\0\0' + b'\xff' * 40)):
+            writer.add(names.EXECUTIVE_STATUS, data, second * 10**9, second * 10**9)
+    player = RunPlayer(tmp_path / 'run.mcap')
+    player.go_to(2.0)
+    snapshot = player.mirror.view().snapshot
+    assert snapshot is not None and snapshot.run_id == 'r'
