@@ -32,7 +32,7 @@ def overview() -> str:
         'usage: console [COMMAND] [ARGUMENT ...] [OPTION ...] [--ros-args ...]',
         '',
         "The operator's console of a FlexBT executive.",
-        'Without a command, in a terminal: the interactive prompt.',
+        'Without a command, in a terminal: the screen, or the prompt where it cannot be.',
         '',
         'commands:',
     ]

@@ -39,6 +39,11 @@ class RobotOverview:
     urgency: Urgency
     seconds: float
 
+    @property
+    def needs_operator(self) -> bool:
+        """Whether somebody has to do something."""
+        return self.urgency <= Urgency.SILENT
+
 
 def overview_of(name: str, view: View) -> RobotOverview:
     """What a robot needs, by its picture."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from .command_tracker import TrackedCommand
 from .freshness import LinkState
 from .records import (
+    ActiveState,
     Behavior,
     Decision,
     ExecutiveState,
@@ -111,6 +112,11 @@ class View:
         """Paths of what is active and can be left, so that a lock means something, the innermost first."""
         levels = (path for path in self.active_levels if path != '/')
         return tuple(sorted(levels, key=lambda path: path.count('/'), reverse=True))
+
+    def own_activity(self, state: ActiveState) -> tuple[str, ...]:
+        """What an active state says that it is doing, without the running nodes of its tree, where that is known."""
+        nodes = {node.path for run in self.trees if run.run_id == state.tree_run_id for node in run.nodes}
+        return tuple(line for line in state.activity if line not in nodes)
 
     def state(self, path: str) -> StateStructure | None:
         """Structure of a state or container of the run, when it is known."""

@@ -199,6 +199,8 @@ def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
             f'the interactive {line.spec.name} needs {needs}: install it, or use a command (console --help)'
         )
     run = _run_prompt if line.spec.action is Mode.PROMPT else _run_screen
+    if run is _run_screen:  # whose lines of the log have their times, and little room for more
+        os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', '{severity}: {message}')
     with _open_runtime(line) as runtime:
         with _watched_terminal(runtime.close) as watch:
             run(line, runtime, watch)

@@ -736,6 +736,70 @@ def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alon
     on_screen(own, steps, robots=robots)
 
 
+def test_a_command_without_an_answer_is_seen_and_so_is_an_answer_that_is_late() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('p', 'l')
+        pause, lock = robot.link.sent
+        robot.show(results=(CommandResult(lock.id, ResultCode.APPLIED),))
+        await seen(robot, pilot)
+        assert 'lock /Drive: applied' in text_of(app) and 'pause: ' not in text_of(app)
+        for _ in range(3):
+            await seen(robot, pilot)
+        assert text_of(app).count('pause: sent, no answer yet') == 1
+        robot.clock.advance(5.0)
+        robot.mirror.due_commands(reachable=True)
+        robot.show()
+        await seen(robot, pilot)
+        assert 'pause: NO ANSWER' in text_of(app)
+        robot.show(results=(CommandResult(pause.id, ResultCode.APPLIED),))
+        await seen(robot, pilot)
+        assert 'pause: applied (' in text_of(app)
+
+    on_screen(robot, steps)
+
+
+def test_a_pose_that_is_typed_while_one_is_pointed_at_is_the_answer() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('g', 'right', ':', *'kitchen', 'enter')
+        assert robot.link.kinds == [CommandKind.ANSWER]
+        robot.show(results=(CommandResult(robot.link.sent[0].id, ResultCode.APPLIED),))
+        await seen(robot, pilot)
+        assert 'input kitchen: applied' in text_of(app) and 'nothing was sent' not in text_of(app)
+
+    on_screen(robot, steps)
+
+
+def test_what_a_state_does_is_beside_it_but_not_the_nodes_of_the_tree_that_is_drawn() -> None:
+    robot = Robot()
+    nodes = [TreeNode(1, 0, 'Main', 'Sequence', '/Main'), TreeNode(2, 1, 'Wait', 'Wait', '/Main/Wait')]
+    held = "'done' waits for the unlock of /Drive"
+    drive = ActiveState('/Drive', 1.0, (held, '/Main', '/Main/Wait'), tree_run_id='t')
+    robot.show(active_states=(drive, ActiveState('/Ask', 1.0, ('waits for /arm',))))
+    assert '/Main/Wait' in '\n'.join(machine_lines(robot.mirror.view(), 60, 20, ASCII))  # nothing else tells it
+    robot.mirror.receive_tree_structure('t', 'Drive', nodes, 5.0, 2)
+    robot.mirror.receive_tree_status('t', 2, RUNNING, [], 5.0, finished=False, paused=False, structure=2)
+    for rows in (20, 7):
+        shown = '\n'.join(machine_lines(robot.mirror.view(), 60, rows, ASCII))
+        assert held in shown and 'waits for /arm' in shown and '/Main' not in shown, shown
+
+
+def test_what_is_wrong_is_told_to_its_end_where_there_is_room() -> None:
+    problem = 'its process ended, or is out of reach, since 1 s; restart it, or look at its computer'
+    view = Robot().mirror.view()
+    assert view.snapshot is not None
+    for count, rows in ((1, 2), (2, 2), (5, 3)):
+        peers = tuple(Peer(f'node{number}', alive=False, problem=problem) for number in range(count))
+        snapshot = dataclasses.replace(view.snapshot, peers=peers)
+        shown = alarm_text(dataclasses.replace(view, snapshot=snapshot), 80, 'ann').plain.splitlines()
+        assert len(shown) == rows and all(width(row) <= 80 for row in shown)
+        assert ''.join(shown).endswith('computer') == (count == 1)
+
+
 def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
     robot = Robot()
     for second in range(8):

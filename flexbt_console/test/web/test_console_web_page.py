@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import shutil
@@ -12,7 +13,18 @@ from typing import Any
 import pytest
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
-from flexbt_console.mirror import CommandKind, ExecutiveState, NodeStatus, StatusChange
+from flexbt_console.mirror import (
+    ActiveState,
+    Behavior,
+    BehaviorList,
+    BehaviorParameter,
+    CommandKind,
+    ExecutiveState,
+    NodeStatus,
+    Peer,
+    Pose,
+    StatusChange,
+)
 from flexbt_testing.waiting import wait_until
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
@@ -306,6 +318,46 @@ def test_a_click_on_the_map_answers_and_drops_an_obstacle(browser: Browser) -> N
         assert browser.run('return document.activeElement === document.body') and browser.text('map-cursor') == ''
 
 
+@pytest.mark.parametrize('word', ['\u202eevil\u2066\u200b\x1b[2J\x00\u2028', 'x' * 10_000, '部屋 ' * 3_000])
+def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_page(
+    browser: Browser, word: str
+) -> None:
+    robot, path = WebRobot(), f'/{word}'
+    parameters = (BehaviorParameter(word, word, word, (), word), BehaviorParameter('room', choices=(word, 'b')))
+    robot.mirror.receive_behaviors(BehaviorList('e', (Behavior(word, description=word, parameters=parameters),)))
+    robot.mirror.receive_places({word: Pose(1.0, 1.0)})
+    robot.show(
+        dataclasses.replace(PLAN, path=path, outcomes=('done', word), prompt=word),
+        behavior=word,
+        message=word,
+        active_states=(ActiveState(path, 1.0, (word,)),),
+        peers=(Peer(word, alive=False, problem=word),),
+        authority=word,
+        locked=(path,),
+        breakpoints=(path,),
+    )
+    hidden = r'return /[^\P{C}\n]|[\p{Zl}\p{Zp}]/u.exec(document.body.innerText)?.[0].codePointAt(0) ?? null'
+    seen = (
+        'const box = arguments[0].getBoundingClientRect();'
+        'return arguments[0].contains(document.elementFromPoint(box.left + 5, box.top + 5)) && box.right <= innerWidth'
+    )
+    with served({'r1': robot.station(), 'r2': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/?robot=r1')
+        browser.until_live()
+        browser.until(lambda: browser.run('return document.querySelectorAll("[data-choice]").length') == 2)
+        for selector in ('#stop', '[data-choice="done"]', '#line', '[data-robot="r2"]'):
+            assert browser.run(seen, browser.driver.find_element(By.CSS_SELECTOR, selector)), selector
+        assert browser.run('return document.documentElement.scrollWidth <= innerWidth')
+        assert browser.run(hidden) is None
+        for keys in ('f', 's', (Keys.ENTER,)):  # the last opens the form of the behavior
+            browser.press(*keys)
+            browser.until(lambda: browser.run('return document.querySelector("dialog").open'))
+            assert browser.run(hidden) is None
+            if keys == 'f':
+                browser.press(Keys.ESCAPE)
+                browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
+
+
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:
     robot = WebRobot(answers=False)
     robot.show(PLAN)
@@ -383,9 +435,13 @@ def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> N
         browser.until_live()
         browser.until(lambda: browser.run('return document.querySelectorAll("[data-robot]").length') == 50)
         browser.run('window.line = document.querySelector("[data-robot=r30]"); line.focus()')
+        robots['r22'].show(peers=(Peer('navigation', alive=False),))
+        browser.until_text('robots', 'r22: RUNNING Patrol navigation MISSING')
+        browser.until_text('robots-told', 'robots: 50, need you: 0')
         robots['r41'].show(PLAN)  # who waits comes first
         first = 'return document.querySelector("[data-robot]").dataset.robot'
         browser.until(lambda: browser.run(first) == 'r41')
+        browser.until_text('robots-told', 'need you: 1')
         assert browser.run('return document.activeElement === line')  # which may be clicked just then
         browser.press(Keys.ENTER)
         browser.until(lambda: browser.run('return document.getElementById("robot").value') == 'r30')

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from .attention import Attention
+from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
 
@@ -17,6 +18,7 @@ __all__ = [
     'Meaning',
     'NoLiveLinkError',
     'OnSignal',
+    'SentCommands',
     'ShownDecision',
     'choose',
     'interpret',

@@ -38,14 +38,20 @@ from flexbt_console.commands import (
     prompt_help,
 )
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, CommandState, Decision, Fleet, Mirror, RobotOverview, View
+from flexbt_console.mirror import Behavior, Decision, Fleet, Mirror, RobotOverview, View
 from flexbt_console.pictures import glyphs, tree_lines
-from flexbt_console.present import (
-    Line,
-    Tone,
-    command_result_lines,
+from flexbt_console.present import Line, Tone
+from flexbt_console.ui.interaction import (
+    CHANGED,
+    Attention,
+    Bound,
+    Local,
+    Meaning,
+    OnSignal,
+    SentCommands,
+    choose,
+    interpret,
 )
-from flexbt_console.ui.interaction import CHANGED, Attention, Bound, Local, Meaning, OnSignal, choose, interpret
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
@@ -204,7 +210,7 @@ class OperatorScreen(App[None]):
         self._attention = Attention(clock)
         self._overview: list[RobotOverview] = []
         self._told: deque[tuple[float, str]] = deque(maxlen=TOLD_LINES)
-        self._pending: list[tuple[Mirror, str]] = []
+        self._sent = SentCommands(clock)
         self._is_planned = False
         self._drawn_at = -math.inf
         self._zoomed = 0
@@ -289,7 +295,8 @@ class OperatorScreen(App[None]):
             self._ageing.stop()
         self._ageing = self.set_timer(AGE_SECONDS, self.draw)
         view = self._mirror.view()
-        self._settle()
+        for told in self._sent.news():
+            self.tell(told)
         self._picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []
         views = [one.view for one in self._overview] or [view]
@@ -468,7 +475,9 @@ class OperatorScreen(App[None]):
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         if meaning.command is not None:
             command = self._attention.measured(meaning.command)
-            self._pending.append((self._mirror, command.id))
+            if command.decision_id:  # it is answered: there is nothing left to point at
+                self._map.leave()
+            self._sent.add(self._mirror, command.id)
             self._link.send(command, self._timeout, meaning.label)
         elif meaning.local is Local.QUIT:
             self.exit()
@@ -523,14 +532,6 @@ class OperatorScreen(App[None]):
 
     def _tell_progress(self, text: str) -> None:
         self.call_later(self.tell, lines(text))
-
-    def _settle(self) -> None:
-        """Tell what became of the commands."""
-        for mirror, command_id in list(self._pending):
-            tracked = mirror.command(command_id)
-            if tracked is None or tracked.state is not CommandState.PENDING:
-                self._pending.remove((mirror, command_id))
-                self.tell(command_result_lines(tracked) if tracked is not None else [])
 
     def _warn(self, text: str) -> None:
         self.tell([Line(line, Tone.WARNING) for line in lines(text)])

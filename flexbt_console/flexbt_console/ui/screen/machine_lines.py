@@ -106,6 +106,7 @@ def _active(path: str, state: ActiveState | None, view: View, signs: Glyphs) -> 
     lines: list[str] = [Line(f'{indent}{sign} {label}{marks}  {seconds:.0f} s{paused}', Tone.DECISION)]
     if state.progress is not None and (text := progress_text(state.progress, view.places)):
         lines.append(f'{indent}  {text}')
+    lines += [f'{indent}    {one_line(text)}' for text in view.own_activity(state)]
     lines += [Line(f'{indent}    {line}', tone_of(line)) for line in not_paused_lines(state)]
     return [_Ranked(_Rank.ACTIVE, path, line) for line in lines]
 

@@ -10,19 +10,18 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 
-from flexbt_console.mirror import RobotOverview, Urgency
+from flexbt_console.mirror import RobotOverview
 from flexbt_console.pictures import cut, window
 from flexbt_console.present import Line, Tone, robot_line, tone_of
 
 from .panes import Pane, styled
 
 KEYS_OF_OVERVIEW: Final = 'up, down choose  Enter goes there  ! F8 stops this robot  Esc leaves'
-NEEDING: Final = (Urgency.ALARM, Urgency.DECISION, Urgency.FAILED, Urgency.SILENT)
 
 
 def others_text(robots: Sequence[RobotOverview], own: str) -> str:
     """What the other robots need, in short; '' while none needs anything."""
-    needs = [one for one in robots if one.name != own and one.urgency in NEEDING]
+    needs = [one for one in robots if one.name != own and one.needs_operator]
     who = '1 other needs' if len(needs) == 1 else f'{len(needs)} others need'
     return f'{who} you: o' if needs else ''
 
@@ -65,7 +64,7 @@ class Overview(ModalScreen[str | None]):
         robots, columns, rows = self._robots(), self.size.width, self.size.height
         if robots and all(one.name != self.chosen for one in robots):
             self.chosen = robots[0].name
-        needing = sum(one.urgency in NEEDING for one in robots)
+        needing = sum(one.needs_operator for one in robots)
         head: str = Line(cut(f' robots: {len(robots)}  need you: {needing}', columns), Tone.PLAIN)
         lines: list[str] = []
         place = 0

@@ -61,7 +61,7 @@ def _with_end(text: str, end: str, columns: int) -> str:
 
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
     """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
-    authority.
+    authority. What is too long takes more of them, where they are not needed for others.
     """
     snapshot = view.snapshot
     shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
@@ -80,7 +80,8 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
         asks = f'asked for the authority: "c" gives it to {one_line(oldest)}'
         asked = [Line(_with_end(asks, more, columns - 1), Tone.WARNING)]
     shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
-    return styled([Line(cut(f' {line}', columns), tone_of(line)) for line in shown])
+    rows = ALARM_ROWS // max(1, len(shown))
+    return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
 
 
 def log_text(
@@ -102,7 +103,7 @@ def log_text(
     merged.sort(key=lambda one: one[:2])
     rows = max(1, rows)
     shown: Sequence[str] = [line for _, _, text in merged[-rows:] for line in text][-rows:]
-    folded = [Line(row, tone_of(line)) for line in shown for row in fold(line, columns, max(1, rows // 2), _INDENT)]
+    folded = [Line(row, tone_of(line)) for line in shown for row in fold(line, columns, -(-rows // 2), _INDENT)]
     return styled(folded[-rows:])
 
 

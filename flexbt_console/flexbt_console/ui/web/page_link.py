@@ -16,8 +16,10 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import CommandState, Fleet, RobotOverview
-from flexbt_console.present import command_result_lines, encode_json, tone_of
+from flexbt_console.mirror import Fleet, RobotOverview
+from flexbt_console.present import encode_json, tone_of
+from flexbt_console.ui.interaction import SentCommands
+from flexbt_core.clock import SteadyClock
 from flexbt_core.values import lines, one_line
 
 from .drawings import Drawings, machine_drawing, tree_drawing
@@ -62,7 +64,7 @@ class PageLink:
         self._drawn: dict[str, None] = {}
         self._map: object = None
         self._run: str | None = None
-        self._pending: list[str] = []
+        self._sent = SentCommands(SteadyClock())
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
         self._left: Future[None] = Future()
@@ -173,12 +175,8 @@ class PageLink:
 
     async def _settle(self) -> None:
         """Tell what became of the commands of this page."""
-        for command_id in list(self._pending):
-            tracked = self._station.mirror.command(command_id)
-            if tracked is None or tracked.state is not CommandState.PENDING:
-                self._pending.remove(command_id)
-                told = command_result_lines(tracked) if tracked is not None else []
-                await self._tell(told, tone_of(told[0]).name.lower() if told else '')
+        for told in self._sent.news():
+            await self._tell(told, tone_of(told[0]).name.lower())
 
     async def _tell(self, text: list[str], tone: str) -> None:
         await self._send({'told': {'text': '\n'.join(text), 'tone': tone}})
@@ -216,7 +214,7 @@ class PageLink:
             if not isinstance(answer, Answer):
                 await self._send(answer)
             elif answer.command is not None:
-                self._pending.append(answer.command.id)
+                self._sent.add(self._station.mirror, answer.command.id)
                 self._changed.set()
             elif answer.title:
                 await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.lines)}})

@@ -21,6 +21,7 @@ from flexbt_console.present import (
     pose_text,
     progress_text,
     reason_lines,
+    robot_line,
     tone_of,
     what_runs,
 )
@@ -184,7 +185,9 @@ def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
             'name': robot.name,
             'link': robot.view.link.value,
             'urgency': robot.urgency.name.lower(),
-            'text': alarm_line(robot.view) or _asked(robot.view) or what_runs(robot.view),
+            'needs_operator': robot.needs_operator,
+            'tone': tone_of(robot_line(robot)).name.lower(),
+            'text': '  '.join([_needs(robot.view), *_missed(robot.view)]),
         }
         for robot in robots
     ]
@@ -199,6 +202,14 @@ def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list
         if robot.name != name and robot.view.link is not LinkState.LOST and pose is not None and not is_elsewhere:
             shown.append({'name': one_line(robot.name), 'live': robot.view.live, **pose})
     return shown
+
+
+def _needs(view: View) -> str:
+    return alarm_line(view) or _asked(view) or what_runs(view)
+
+
+def _missed(view: View) -> list[str]:
+    return [peer_line(peer) for peer in view.snapshot.missed_peers] if view.live and view.snapshot else []
 
 
 def _asked(view: View) -> str:

@@ -2,7 +2,7 @@
 // What the server tells, put into the page; texts only as text.
 
 import {Commands} from './commands.js';
-import {DecisionBar, element} from './decision.js';
+import {DecisionBar, element, plain} from './decision.js';
 import {bring, keep, mark, show, statuses} from './drawing.js';
 import {RobotMap} from './map.js';
 import {ServerLink} from './server_link.js';
@@ -158,7 +158,7 @@ function drawHead() {
     const others = paths.filter((path) => !known.active.states.some((state) => state.path === path));
     if (others.length) names.push(`${mark}: ${others.join(', ')}`);
   }
-  const text = running ? names.join('\n') : '';
+  const text = running ? names.map(plain).join('\n') : '';
   if (byId('active').textContent !== text) byId('active').textContent = text;
   document.title = `${known.decisions.length ? '? ' : ''}${live ? '' : 'BLIND '}${known.robot ?? ''} FlexBT`;
 }
@@ -179,13 +179,17 @@ function drawRobots() {
     history.replaceState(null, '', address);
   }
   // A line stays what it is while it is clicked; the focus stays at its robot when the order changes.
+  const needing = known.robots.filter((robot) => robot.needs_operator).length;
+  const told = `robots: ${known.robots.length}, need you: ${needing}`;
+  if (byId('robots-told').textContent !== told) byId('robots-told').textContent = told;
   const list = byId('robots');
   const lines = new Map([...list.children].map((line) => [line.firstElementChild.dataset.robot, line]));
   const shown = known.robots.map((robot) => {
     const line = lines.get(robot.name) ?? robotLine(robot.name);
     const button = line.firstElementChild;
-    const text = `${{alarm: '! ', decision: '? '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`;
+    const text = `${{alarm: '! ', decision: '? ', failed: '✗ '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`;
     if (button.textContent !== text) button.textContent = text;
+    button.className = robot.tone;
     button.setAttribute('aria-pressed', String(robot.name === known.robot));
     return line;
   });

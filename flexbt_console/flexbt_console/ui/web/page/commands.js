@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Buttons, single keys, dialogs and the line that is typed: each gives a line as it is written at the prompt.
 
-import {element} from './decision.js';
+import {element, plain} from './decision.js';
 
 const COMPLETE_MS = 100;
 const byId = (id) => document.getElementById(id);
@@ -119,7 +119,7 @@ export class Commands {
   }
 
   read(title, body) {
-    byId('dialog-title').textContent = title;
+    byId('dialog-title').textContent = plain(title);
     byId('dialog-body').replaceChildren(typeof body === 'string' ? element('pre', {}, body) : body);
     if (!byId('dialog').open) byId('dialog').showModal();
     byId('dialog-body').querySelector('button, input, select')?.focus();

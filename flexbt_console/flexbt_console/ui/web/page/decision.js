@@ -121,9 +121,13 @@ export class DecisionBar {
   }
 }
 
+// A text in which nothing is hidden and nothing turns the direction: of names that a robot gives, for which the server
+// has no text to be shown. Lines stay lines.
+export const plain = (text) => text.replace(/[^\P{C}\n]|[\p{Zl}\p{Zp}]/gu, (sign) => `\\u{${sign.codePointAt(0).toString(16)}}`);
+
 export function element(name, attributes, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) if (value !== '') made.setAttribute(key, value);
-  made.append(...children);
+  made.append(...children.map((child) => typeof child === 'string' ? plain(child) : child));
   return made;
 }

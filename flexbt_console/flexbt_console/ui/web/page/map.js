@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The map: walls, places, obstacles, what the lidar meets, other robots, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
 
+import {plain} from './decision.js';
+
 const TURN = Math.PI / 8;
 const STEP_PX = 12;
 const TRACE_STEP = 0.05;
@@ -144,7 +146,7 @@ export class RobotMap {
       context.beginPath();
       context.arc(x, y, 3, 0, 7);
       context.fill();
-      this.label(context, name.slice(0, 40), x, y, width, boxes);
+      this.label(context, plain(name.slice(0, 40)), x, y, width, boxes);
     }
     for (const [, x, y, radius] of this.obstacles) {
       context.fillStyle = this.colour('--warning');
