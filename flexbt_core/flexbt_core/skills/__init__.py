@@ -12,7 +12,7 @@ Planning, synthesis, proof, checks and the reference pages all read it. Nothing 
 from typing import TYPE_CHECKING, Any
 
 from .errors import SkillError
-from .grounding import GroundAction, GroundProblem, argument_texts, ground
+from .grounding import GroundAction, GroundProblem, argument_texts, clashes, ground
 from .library import ANYTHING, SkillLibrary
 from .literals import (
     EQUAL,
@@ -54,6 +54,7 @@ __all__ = [
     'argument_texts',
     'capability_file',
     'claims',
+    'clashes',
     'class_of',
     'ground',
     'literals',

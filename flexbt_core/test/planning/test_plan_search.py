@@ -232,6 +232,8 @@ def test_why_there_is_no_plan() -> None:
     empty = Problem(go, frozenset({'at a'}), (frozenset({'at b'}),))
     reason = plan(empty).reason
     assert reason == 'at b needs fuel (for go b), and fuel does not hold, and no action brings it about'
+    reason = plan(Problem(go, frozenset({'at a', 'fuel'}), (frozenset({'not fuel'}),))).reason
+    assert reason == 'not fuel does not hold, and no action brings it about'
 
 
 formulas = st.recursive(

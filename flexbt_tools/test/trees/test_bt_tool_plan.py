@@ -157,6 +157,11 @@ def test_a_goal_may_be_nested(mission: Path) -> None:
         ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is no object"),
         ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
         ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is no literal"),
+        (
+            'start:',
+            'start:\n  - robot_at(hall)',
+            'cup.yaml:3:1: start: robot_at(hall) and robot_at(office) cannot hold at once (robot_at is exclusive)',
+        ),
         ('robot_at(office)', 'robotatoffice', 'cup.yaml:3:1: start: robotatoffice: there is no predicate'),
         ('[not open(kitchen_door)]', '[not opn(kitchen_door)]', 'cup.yaml:12:1: disturbance: not opn(kitchen_door)'),
         ('[not open(kitchen_door)]', '[]', 'cup.yaml:12:1: disturbance without literals'),

@@ -30,7 +30,7 @@ from flexbt_core.planning import (
     team_xml,
     tree_xml,
 )
-from flexbt_core.skills import SkillError
+from flexbt_core.skills import SkillError, clashes, parse_literal
 from flexbt_core.values import lines, one_line, shown
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
@@ -138,6 +138,8 @@ def _problem(options: argparse.Namespace) -> Problem | Team:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
     start = mission.start if options.start is None else options.start
     try:
+        for one, other in clashes(library, map(parse_literal, start)):
+            raise SkillError([f'start: {one} and {other} cannot hold at once ({one.predicate} is exclusive): name one'])
         if mission.robots:
             return team_problem(library, start, goal, mission.robots, mission.disturbances)
         return skill_problem(library, start, goal, mission.disturbances)
