@@ -37,8 +37,9 @@ EAGERNESS = 1.3
 PATIENCE = 3.0
 """How many states are looked at in all for a cheaper way, of those that were looked at until one was found."""
 
-NEAR = 4.0
-"""Distance to the goal, in turning radii, within which its heading matters to what is estimated."""
+NEAR = 8.0
+"""Distance to the goal, in turning radii, within which its heading matters to what is estimated. Where this is near,
+searches stay beyond it, since less is estimated there."""
 
 TOUCH = math.sqrt(0.5)
 """Nearer to the outline than this the centre of a cell of an obstacle counts as touched: as in a costmap."""
