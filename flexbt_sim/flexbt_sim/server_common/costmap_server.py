@@ -253,7 +253,7 @@ class CostmapServer:
         if shown.get_subscription_count():
             box, info = self._shown_part(name)
             grid = OccupancyGrid(info=info, header=self._header())
-            grid.data.frombytes(_SHOWN[self._kept[name].layers.costmap.costs[box.cells]].tobytes())
+            grid.data.frombytes(_SHOWN.take(self._kept[name].layers.costmap.costs[box.cells]).tobytes())
             shown.publish(grid)
         if raw.get_subscription_count():
             raw.publish(self._message(name))
