@@ -130,14 +130,20 @@ class Tree:
             rounds += 1
         return self._settle(status)
 
-    def tick_while_running(self, wait: Callable[[float | None], None]) -> NodeStatus:
-        """Ticks until the tree completes or is skipped. ``wait(time)`` waits for a wake-up, or for that time of the
-        clock (None: no node has asked for a time)."""
+    def tick_while_running(self, wait: Callable[[float], None], sleep_time: float = 0.01) -> NodeStatus:
+        """Ticks until the tree completes or is skipped.
+
+        ``wait(time)`` waits for a wake-up, or for that time of the clock, in seconds: the one for which a node has
+        asked, or ``sleep_time`` from now. That is as in BehaviorTree.CPP, for nodes that ask for nothing and expect
+        the next tick: loops, and actions that look at each tick whether they are done.
+        """
         while True:
             status = self.tick_once()
             if status is not RUNNING:
                 return status
-            wait(self.next_wake)
+            latest = self.context.clock.now() + sleep_time
+            due = self.next_wake
+            wait(latest if due is None else min(due, latest))
             self.take_wake()
 
     def _tick(self) -> NodeStatus:

@@ -9,6 +9,7 @@ from flexbt_core.behavior_tree.engine import LeafNode, NodeConfig, SyncAction
 from flexbt_core.behavior_tree.model import (
     EMPTY,
     FAILURE,
+    INT64,
     KEY,
     MISSING,
     STRING,
@@ -131,7 +132,10 @@ class SetBlackboard(SyncAction):
         if isinstance(value, str):
             board.put(key, *self._converted(key, value))
             return SUCCESS
-        board.put(key, value, copied.type)
+        kind = copied.type
+        if kind is STRING:  # what is no text was assigned by a script, whose integers have 64 bits
+            kind = INT64 if isinstance(value, int) else None
+        board.put(key, value, kind)
         entry = board.entry(key)
         assert entry is not None
         # The types of both are the same, or that of the one that is written is not fixed.

@@ -109,6 +109,7 @@ def test_timed_nodes_give_the_trace_of_btcpp(body: str, ops: list[list[object]])
     assert [step['status'] for step in actual['steps']] == [step['status'] for step in expected['steps']]
 
 
+CHOICE = '<Switch2 variable="{y}" case_1="1" case_2="2"><AlwaysSuccess/><AlwaysFailure/><AlwaysFailure/></Switch2>'
 SUB_TREE = '<SubTree ID="Sub" name="sub" x="{x}"/>'
 
 
@@ -139,6 +140,11 @@ SURPRISES = [
             '<LoopInt queue="1;2;3" value="{n}"><AlwaysSuccess/></LoopInt>',
             '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
         )
+    ),
+    # A number in an entry of text, which a script has assigned before: where a copy of it can be written.
+    *(
+        (f'<Sequence><Script code="y := 1"/>{CHOICE}<SetBlackboard value="{{y}}" output_key="{key}"/></Sequence>', '')
+        for key in ('z', 'x', 't', 'n')
     ),
     # An entry that a node watches, before it is written.
     ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := \'a\'"/></Fallback>', ''),

@@ -236,18 +236,23 @@ def test_next_wake_is_the_earliest_deadline_and_goes_with_its_node() -> None:
 
 def test_tick_while_running_waits_for_what_the_tree_needs() -> None:
     clock = ManualClock()
-    waits: list[float | None] = []
+    waits: list[float] = []
 
-    def wait(until: float | None) -> None:
+    def wait(until: float) -> None:
         waits.append(until)
-        assert until is not None
         clock.set(until)
 
     running = tree(
         '<Sequence><Sleep msec="200"/><Delay delay_msec="300"><AlwaysSuccess/></Delay></Sequence>', clock=clock
     )
-    assert running.tick_while_running(wait) is SUCCESS
+    assert running.tick_while_running(wait, sleep_time=1.0) is SUCCESS
     assert waits == [pytest.approx(0.2), pytest.approx(0.5)]
+
+    # Loops ask for nothing, and go on with the next tick; a Sleep that is due sooner comes before it.
+    waits.clear()
+    running = tree('<LoopInt queue="1;2" value="{i}"><Sleep msec="15"/></LoopInt>', clock=clock)
+    assert running.tick_while_running(wait) is SUCCESS
+    assert waits == pytest.approx([0.51, 0.515, 0.525, 0.535, 0.54, 0.55])
 
 
 # -- halting ---------------------------------------------------------------------------------------------
