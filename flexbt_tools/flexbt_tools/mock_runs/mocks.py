@@ -192,6 +192,7 @@ class Mocking:
     def _passing(self, node: NodeDefinition, rule: Rule) -> NodeDefinition:
         if len(node.children) != 1:
             self._refuse(rule, node, f'only a node with one child can {PASS}')
+            return node
         return node._replace(manifest=replace(node.manifest, node_class=_Pass))
 
     def _mock(self, node: NodeDefinition, rule: Rule, steps: tuple[Step, ...]) -> NodeDefinition:

@@ -110,7 +110,9 @@ def _never_written(readers: Sequence[Place], written: Collection[str], name: str
     place = readers[0]
     key = place.use.key
     similar = similar_names(key, written)
-    if key in written:
+    if key in written and key.startswith('_'):
+        hint = 'another scope has such a key, but keys that begin with _ are not handed to sub-trees: rename it'
+    elif key in written:
         hint = f'another scope has such a key, so hand it to the sub-tree: {key}="{{{key}}}"'
     elif similar:
         hint = f'did you mean [{similar[0]}]?'

@@ -109,7 +109,10 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
             'Main: <Sequence><Make int="{_a}"/><SubTree ID="S" _autoremap="1"/><Use int="{_a}"/></Sequence>',
             'S: <Use ^int="{_a}"/>',
         ),
-        ['never-written key [_a]'],
+        [
+            'never-written key [_a] is read, and nothing writes it; another scope has such a key, '
+            'but keys that begin with _ are not handed to sub-trees: rename it'
+        ],
     ),
     ('scripts', ('Main: <Sequence><Script code="a := 1; b := a"/><ScriptCondition code="b == 1"/></Sequence>',), []),
     (

@@ -344,6 +344,7 @@ def test_what_is_printed(tmp_path: Path) -> None:
         ('<Gone><AlwaysFailure/></Gone>', ['--mock', 'Gone=pass'], 1, 'FAILURE after 0.000 s'),
         ('<Gone><AlwaysFailure/></Gone>', ['--mock', '*=SUCCESS'], 3, "such as --mock 'Gone=pass'"),
         ('<Gone/>', ['--mock', 'Gone=pass'], 3, "the mock 'Gone' of <Gone>: only a node with one child can pass"),
+        ('<Gone><Wait/><Wait/></Gone>', ['--mock', 'Gone=pass'], 3, 'only a node with one child can pass'),
         ('<Gone/>', ['--mock', 'Gone=real'], 3, 'it is not installed here, so it cannot be real'),
         ('<DistanceController><AlwaysFailure/></DistanceController>', [], 3, "--mock 'DistanceController=pass'"),
         ('<Wait/>', ['--mock', 'Wait=SUCCESS'], 0, 'SUCCESS after 0.000 s'),
