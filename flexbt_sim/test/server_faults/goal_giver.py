@@ -7,7 +7,7 @@ import sys
 
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
-from flexbt_testing.nodes.sim_world import DOCK, Probe, line
+from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
 
     def setup(runtime: NodeRuntime) -> None:
         LivelinessToken(runtime)
-        goal = Probe(runtime).follow(line(DOCK, (11.2, 4.45)))
+        goal = RobotProbe(runtime).follow(line(DOCK, (11.2, 4.45)))
         goal.accepted.wait()
         print('accepted', flush=True)
 

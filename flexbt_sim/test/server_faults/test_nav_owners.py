@@ -15,12 +15,12 @@ import pytest
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import duration_message
-from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world
+from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line, open_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time
 
 
 @pytest.fixture
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world({'speed_factor': 1.0}) as probe:
         yield probe
 
@@ -38,7 +38,7 @@ def goal_giver(name: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successor_drives_it(world: Probe) -> None:
+def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successor_drives_it(world: RobotProbe) -> None:
     pause = world.send(names.WAIT, time=duration_message(100.0))
     with goal_giver(names.BT_SERVER) as owner:
         world.wait_driving()
@@ -53,7 +53,7 @@ def test_the_robot_of_a_killed_owner_is_at_rest_within_a_second_and_its_successo
         world.wait_driving()
 
 
-def test_the_robot_is_held_while_the_owner_is_late_and_goes_on_with_the_same_goal(world: Probe) -> None:
+def test_the_robot_is_held_while_the_owner_is_late_and_goes_on_with_the_same_goal(world: RobotProbe) -> None:
     with goal_giver(names.BT_SERVER) as owner:
         world.wait_driving()
         owner.send_signal(signal.SIGSTOP)
@@ -66,7 +66,7 @@ def test_the_robot_is_held_while_the_owner_is_late_and_goes_on_with_the_same_goa
         world.wait_at_rest()
 
 
-def test_the_goals_of_others_outlive_them(world: Probe) -> None:
+def test_the_goals_of_others_outlive_them(world: RobotProbe) -> None:
     with goal_giver('somebody') as somebody:
         world.wait_driving()
         somebody.kill()

@@ -23,7 +23,7 @@ from flexbt_sim.fault_messages import check_fault
 from flexbt_sim.world import NAVIGATION_SERVERS, fault_parameters
 from flexbt_testing.nodes.sim_world import (
     DOCK,
-    Probe,
+    RobotProbe,
     aborted,
     line,
     open_navigation,
@@ -37,7 +37,7 @@ EAST = (11.2, 4.45)
 class World:
     """Simulator, navigation, and somebody who brings faults about."""
 
-    def __init__(self, probe: Probe, navigation: NodeRuntime) -> None:
+    def __init__(self, probe: RobotProbe, navigation: NodeRuntime) -> None:
         self.probe = probe
         self.navigation = navigation
         self.told: list[String] = []

@@ -17,7 +17,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.simulator import built_in_map
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import Probe, aborted, open_world, pose
+from flexbt_testing.nodes.sim_world import RobotProbe, aborted, open_world, pose
 
 Result, Feedback = DockRobot.Result, DockRobot.Feedback
 
@@ -42,7 +42,7 @@ def world_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def world(world_file: Path) -> Iterator[Probe]:
+def world(world_file: Path) -> Iterator[RobotProbe]:
     simulator = {
         'world': str(world_file),
         'robot_namespaces': False,
@@ -54,7 +54,7 @@ def world(world_file: Path) -> Iterator[Probe]:
 
 
 @pytest.fixture(scope='module')
-def battery(world: Probe) -> list[bool]:
+def battery(world: RobotProbe) -> list[bool]:
     """Whether the battery is charged, as it is told."""
     told: list[bool] = []
 
@@ -66,15 +66,15 @@ def battery(world: Probe) -> list[bool]:
     return told
 
 
-def dock(world: Probe, **fields: Any) -> SentGoal:
+def dock(world: RobotProbe, **fields: Any) -> SentGoal:
     return world.send(names.DOCK_ROBOT, **({'use_dock_id': True, 'dock_id': 'home'} | fields))
 
 
-def undock(world: Probe, **fields: Any) -> SentGoal:
+def undock(world: RobotProbe, **fields: Any) -> SentGoal:
     return world.send(names.UNDOCK_ROBOT, **fields)
 
 
-def test_a_robot_drives_to_the_station_is_charged_and_leaves_it(world: Probe, battery: list[bool]) -> None:
+def test_a_robot_drives_to_the_station_is_charged_and_leaves_it(world: RobotProbe, battery: list[bool]) -> None:
     world.place(BEFORE)
     goal = dock(world)
     assert goal.wait().status is GoalStatus.SUCCEEDED, goal.result
@@ -95,7 +95,7 @@ def test_a_robot_drives_to_the_station_is_charged_and_leaves_it(world: Probe, ba
     assert not battery[-1]
 
 
-def test_a_robot_that_is_on_no_dock_has_nothing_to_leave(world: Probe, battery: list[bool]) -> None:
+def test_a_robot_that_is_on_no_dock_has_nothing_to_leave(world: RobotProbe, battery: list[bool]) -> None:
     there = world.place(BEFORE)
     world.wait(lambda: battery[-1:] == [False], 'no charge')
     goal = undock(world)
@@ -116,7 +116,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_what_cannot_be_docked_at_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+def test_what_cannot_be_docked_at_is_refused_with_nav2s_code(world: RobotProbe, case: str) -> None:
     fields, code, said = REFUSED[case]
     world.place(BEFORE)
     result = aborted(dock(world, **fields), code)
@@ -125,7 +125,7 @@ def test_what_cannot_be_docked_at_is_refused_with_nav2s_code(world: Probe, case:
     world.wait_at_rest()
 
 
-def test_where_nothing_charges_docking_is_tried_again_and_fails(world: Probe, battery: list[bool]) -> None:
+def test_where_nothing_charges_docking_is_tried_again_and_fails(world: RobotProbe, battery: list[bool]) -> None:
     world.place((8.3, 4.45, 0.0))
     elsewhere = {'use_dock_id': False, 'dock_pose': pose((9.0, 4.45, 0.0)), 'navigate_to_staging_pose': False}
     goal = dock(world, **elsewhere)
@@ -139,7 +139,7 @@ def test_where_nothing_charges_docking_is_tried_again_and_fails(world: Probe, ba
     aborted(undock(world, dock_type='x'), UndockRobot.Result.DOCK_NOT_VALID)
 
 
-def test_docking_is_canceled_and_taken_over_at_any_time(world: Probe) -> None:
+def test_docking_is_canceled_and_taken_over_at_any_time(world: RobotProbe) -> None:
     world.place((2.0, 4.45, 0.0))
     for begun in (False, True):
         goal = dock(world)
@@ -159,7 +159,7 @@ def test_docking_is_canceled_and_taken_over_at_any_time(world: Probe) -> None:
 
 
 def test_another_database_replaces_the_docks_and_a_broken_one_does_not(
-    world: Probe, world_file: Path, tmp_path: Path
+    world: RobotProbe, world_file: Path, tmp_path: Path
 ) -> None:
     def reload(file: Path) -> bool:
         request = ReloadDockDatabase.Request(filepath=str(file))

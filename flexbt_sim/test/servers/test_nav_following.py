@@ -18,7 +18,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import RobotModel, load_map
-from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, aborted, line, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = FollowPath.Result
@@ -27,19 +27,19 @@ EAST = (11.2, 4.45)
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world() as probe:
         yield probe
 
 
 @pytest.fixture(autouse=True)
-def fast(world: Probe) -> Iterator[None]:
+def fast(world: RobotProbe) -> Iterator[None]:
     """A test that measures wall time changes the speed factor."""
     yield
     world.set_speed_factor(0.0)
 
 
-def test_the_robot_arrives_round_the_walls_and_tells_how_far_it_is(world: Probe) -> None:
+def test_the_robot_arrives_round_the_walls_and_tells_how_far_it_is(world: RobotProbe) -> None:
     start = world.place(DOCK)
     path = world.plan(OFFICE).result.path
     goal = world.follow(path, controller_id='FollowPath', goal_checker_id='general_goal_checker')
@@ -63,7 +63,7 @@ def _length(ends: tuple[Any, Any]) -> float:
     return math.dist((a.x, a.y), (b.x, b.y))
 
 
-def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
+def test_new_paths_are_gone_over_to_without_slowing_down(world: RobotProbe) -> None:
     world.place(DOCK)
     world.set_speed_factor(2.0)
     goals = [world.follow(line(DOCK, EAST))]
@@ -81,7 +81,7 @@ def test_new_paths_are_gone_over_to_without_slowing_down(world: Probe) -> None:
     assert goals[-1].wait().status is GoalStatus.CANCELED
 
 
-def test_a_limit_of_the_speed_holds_until_it_is_taken_back(world: Probe) -> None:
+def test_a_limit_of_the_speed_holds_until_it_is_taken_back(world: RobotProbe) -> None:
     """In percent or in m/s; 0 for none; for the path that is followed just now, too."""
     world.place(DOCK)
     node = world.runtime.node
@@ -106,7 +106,7 @@ def test_a_limit_of_the_speed_holds_until_it_is_taken_back(world: Probe) -> None
     world.runtime.call(lambda: node.destroy_publisher(limits))
 
 
-def test_a_canceled_robot_is_at_rest_in_time(world: Probe) -> None:
+def test_a_canceled_robot_is_at_rest_in_time(world: RobotProbe) -> None:
     world.place(DOCK)
     world.set_speed_factor(1.0)
     goal = world.follow(line(DOCK, EAST))
@@ -139,7 +139,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_what_cannot_be_followed_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+def test_what_cannot_be_followed_is_refused_with_nav2s_code(world: RobotProbe, case: str) -> None:
     fields, code, said = REFUSED[case]
     there = world.place(DOCK)
     result = aborted(world.follow(**fields), code)
@@ -147,7 +147,7 @@ def test_what_cannot_be_followed_is_refused_with_nav2s_code(world: Probe, case: 
     assert world.later(0.3)[1:] == there[1:]
 
 
-def test_a_refused_path_leaves_the_one_that_is_followed(world: Probe) -> None:
+def test_a_refused_path_leaves_the_one_that_is_followed(world: RobotProbe) -> None:
     world.place(DOCK)
     goal = world.follow(line(DOCK, EAST))
     world.wait_driving()
@@ -160,14 +160,14 @@ def test_a_refused_path_leaves_the_one_that_is_followed(world: Probe) -> None:
     assert goal.wait().status is GoalStatus.CANCELED
 
 
-def test_a_path_into_a_wall_ends_before_it(world: Probe) -> None:
+def test_a_path_into_a_wall_ends_before_it(world: RobotProbe) -> None:
     world.place(DOCK)
     aborted(world.follow(line(DOCK, (DOCK[0], 6.5))), Result.PATIENCE_EXCEEDED)
     rest = world.wait_at_rest()
     assert rest.y < 5.4 - MODEL.footprint.radius
 
 
-def test_a_path_to_where_the_robot_is_ends_with_the_turn(world: Probe) -> None:
+def test_a_path_to_where_the_robot_is_ends_with_the_turn(world: RobotProbe) -> None:
     world.place(DOCK)
     path = Path(poses=[pose((DOCK[0], DOCK[1], 2.0))])
     assert world.follow(path).wait().status is GoalStatus.SUCCEEDED
@@ -176,7 +176,7 @@ def test_a_path_to_where_the_robot_is_ends_with_the_turn(world: Probe) -> None:
     assert rest.yaw == pytest.approx(2.0, abs=0.15)
 
 
-def test_clients_that_take_the_robot_from_each_other_end_with_one_goal(world: Probe) -> None:
+def test_clients_that_take_the_robot_from_each_other_end_with_one_goal(world: RobotProbe) -> None:
     world.place(DOCK)
     goals = []
     for number in range(10):

@@ -19,7 +19,7 @@ from flexbt_common.values import duration_message, time_message
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import Pose
-from flexbt_testing.nodes.sim_world import FAST, Probe, aborted, line, open_world, pose
+from flexbt_testing.nodes.sim_world import FAST, RobotProbe, aborted, line, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 WORLD = """
@@ -35,7 +35,7 @@ THERE = (10.0, 5.0, 1.5)
 
 
 @pytest.fixture(scope='module')
-def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Probe]:
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotProbe]:
     file = tmp_path_factory.mktemp('worlds') / 'hall.yaml'
     file.write_text(WORLD)
     simulator = FAST | {'world': str(file), 'robot_namespaces': False, 'initialpose_moves_robot': True}
@@ -46,12 +46,12 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Probe]:
 
 
 @pytest.fixture(autouse=True)
-def slow(world: Probe) -> None:
+def slow(world: RobotProbe) -> None:
     """As fast as the robot's driver answers only while it drives: transforms are kept for 10 s of simulated time."""
     world.set_speed_factor(1.0)
 
 
-def in_frame(world: Probe, frame: str, place: Sequence[float]) -> PoseStamped:
+def in_frame(world: RobotProbe, frame: str, place: Sequence[float]) -> PoseStamped:
     """A place of the map as a pose in another frame, by the newest transform."""
     listener, now = TransformListener.of(world.runtime), world.now.time
 
@@ -66,7 +66,7 @@ def in_frame(world: Probe, frame: str, place: Sequence[float]) -> PoseStamped:
     return stamped
 
 
-def path_in(world: Probe, frame: str, start: Sequence[float], end: Sequence[float]) -> Path:
+def path_in(world: RobotProbe, frame: str, start: Sequence[float], end: Sequence[float]) -> Path:
     x, y, _ = pose_of(in_frame(world, frame, start).pose)
     to_x, to_y, _ = pose_of(in_frame(world, frame, end).pose)
     return line((x, y), (to_x, to_y), frame)
@@ -77,7 +77,7 @@ def last(path: Path) -> Pose:
 
 
 @pytest.mark.parametrize('frame', ['odom', 'base_link', 'base_scan'])
-def test_a_path_is_planned_to_a_goal_and_from_a_start_in_any_frame(world: Probe, frame: str) -> None:
+def test_a_path_is_planned_to_a_goal_and_from_a_start_in_any_frame(world: RobotProbe, frame: str) -> None:
     world.place(HERE)
     goal = in_frame(world, frame, THERE)
     start = in_frame(world, frame, (3.0, 6.0))
@@ -92,7 +92,7 @@ def test_a_path_is_planned_to_a_goal_and_from_a_start_in_any_frame(world: Probe,
     assert last(through.result.path) == pytest.approx(THERE, abs=0.06)
 
 
-def test_a_stamp_means_the_transform_at_that_time(world: Probe) -> None:
+def test_a_stamp_means_the_transform_at_that_time(world: RobotProbe) -> None:
     world.place(HERE)
     goal = pose((1.0, 0.0), 'base_link')
     assert world.send(names.COMPUTE_PATH_TO_POSE, goal=goal).wait().status is GoalStatus.SUCCEEDED  # tf is heard
@@ -108,7 +108,7 @@ def test_a_stamp_means_the_transform_at_that_time(world: Probe) -> None:
     assert all(part in said for part in ("'base_link'", 's ago', 'past', "'map'", 'tf')), said
 
 
-def test_paths_in_other_frames_are_smoothed_and_judged(world: Probe) -> None:
+def test_paths_in_other_frames_are_smoothed_and_judged(world: RobotProbe) -> None:
     world.place(HERE)
     smoothed = world.send(
         names.SMOOTH_PATH,
@@ -128,7 +128,7 @@ def test_paths_in_other_frames_are_smoothed_and_judged(world: Probe) -> None:
         world.ask(ClearCostmapAroundPose, names.costmap_services(costmap)[2], request)
 
 
-def test_a_path_in_odom_is_followed_as_odom_drifts(world: Probe) -> None:
+def test_a_path_in_odom_is_followed_as_odom_drifts(world: RobotProbe) -> None:
     world.place(HERE)
     path = path_in(world, 'odom', HERE, (8.0, 4.0))
     goal = world.follow(path)
@@ -141,7 +141,7 @@ def test_a_path_in_odom_is_followed_as_odom_drifts(world: Probe) -> None:
     assert rest.distance((8.0, 4.0)) > 0.5  # not where that was at the beginning
 
 
-def test_a_path_in_the_frame_of_the_robot_is_meant_from_where_it_is(world: Probe) -> None:
+def test_a_path_in_the_frame_of_the_robot_is_meant_from_where_it_is(world: RobotProbe) -> None:
     world.place(HERE)
     goal = world.follow(line((0.0, 0.0), (2.0, 0.0), 'base_link'))
     world.wait_driving()
@@ -150,7 +150,7 @@ def test_a_path_in_the_frame_of_the_robot_is_meant_from_where_it_is(world: Probe
     assert world.wait_at_rest().distance((4.0, 4.0)) < 0.15
 
 
-def test_a_path_whose_frame_is_not_told_any_more_is_left(world: Probe) -> None:
+def test_a_path_whose_frame_is_not_told_any_more_is_left(world: RobotProbe) -> None:
     world.place(HERE)
     fault = SetFault.Request(fault='messages_dropped', parameters='topic: tf')
     goal = world.follow(path_in(world, 'odom', HERE, (12.0, 4.0)))
@@ -164,7 +164,7 @@ def test_a_path_whose_frame_is_not_told_any_more_is_left(world: Probe) -> None:
     assert "'odom'" in said and 'tf' in said
 
 
-def test_a_path_that_waits_for_its_frame_does_not_take_the_robot_from_a_newer_one(world: Probe) -> None:
+def test_a_path_that_waits_for_its_frame_does_not_take_the_robot_from_a_newer_one(world: RobotProbe) -> None:
     world.place(HERE)
     waiting = world.follow(line((0.0, 0.0), (3.0, 0.0), 'shelf'))
     assert waiting.accepted.wait(30.0)

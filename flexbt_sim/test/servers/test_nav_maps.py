@@ -26,7 +26,7 @@ from flexbt_testing.nodes.sim_world import (
     DOCK,
     FAST,
     OFFICE,
-    Probe,
+    RobotProbe,
     aborted,
     line,
     open_navigation,
@@ -43,7 +43,7 @@ TOPIC = 'surveyed_map'
 class Surveyor:
     """Publishes maps that the simulator does not know."""
 
-    def __init__(self, probe: Probe) -> None:
+    def __init__(self, probe: RobotProbe) -> None:
         self.probe = probe
         node = probe.runtime.node
         self._maps = probe.runtime.call(lambda: node.create_publisher(OccupancyGrid, TOPIC, names.latched()))

@@ -20,7 +20,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import RosClock
 from flexbt_common.values import seconds_of
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, Probe, Sighting, aborted, line, open_world
+from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, Sighting, aborted, line, open_world
 
 FREE = (4.0, 4.45, 0.0)
 """Free on all sides for a metre."""
@@ -30,19 +30,19 @@ drives by 0.2 m/s. The exact angles and distances are tested where time is simul
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     # Not faster: where the robot stops depends on how soon a command arrives.
     with open_world({'speed_factor': 0.0}) as probe:
         yield probe
 
 
-def spin(world: Probe, angle: float, allowance: int = 0) -> SentGoal:
+def spin(world: RobotProbe, angle: float, allowance: int = 0) -> SentGoal:
     """Turn, rad, within s (0: without a limit; a robot that gets its commands late stands still in between)."""
     return world.send(names.SPIN, target_yaw=angle, time_allowance=Duration(sec=allowance))
 
 
 def drive(
-    world: Probe, action: str, distance: float, speed: float = 0.2, allowance: int = 0, y: float = 0.0
+    world: RobotProbe, action: str, distance: float, speed: float = 0.2, allowance: int = 0, y: float = 0.0
 ) -> SentGoal:
     """Drive, m, at m/s, within s."""
     return world.send(action, target=Point(x=distance), speed=speed, time_allowance=Duration(sec=allowance))
@@ -54,7 +54,7 @@ def turned(sightings: list[Sighting]) -> float:
 
 
 def test_a_motion_takes_its_time_by_the_poses_whatever_the_clock_shows(
-    world: Probe, monkeypatch: pytest.MonkeyPatch
+    world: RobotProbe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time of the node comes by another topic, and may stand still while the robot turns."""
     monkeypatch.setattr(RosClock, 'now', lambda clock: 0.0)
@@ -66,7 +66,7 @@ def test_a_motion_takes_its_time_by_the_poses_whatever_the_clock_shows(
 
 
 @pytest.mark.parametrize('angle', [0.35, -3.49, 7.5, 0.0])
-def test_spin_turns_by_the_angle_and_stays_where_it_is(world: Probe, angle: float) -> None:
+def test_spin_turns_by_the_angle_and_stays_where_it_is(world: RobotProbe, angle: float) -> None:
     start = world.place(FREE)
     goal = spin(world, angle)
     assert goal.wait().status is GoalStatus.SUCCEEDED
@@ -94,7 +94,7 @@ def test_spin_turns_by_the_angle_and_stays_where_it_is(world: Probe, angle: floa
     ],
 )
 def test_straight_motions_drive_their_distance(
-    world: Probe, action: str, distance: float, speed: float, driven: float
+    world: RobotProbe, action: str, distance: float, speed: float, driven: float
 ) -> None:
     world.place(FREE)
     goal = drive(world, action, distance, speed)
@@ -138,7 +138,7 @@ def test_straight_motions_drive_their_distance(
     ],
 )
 def test_what_cannot_be_driven_is_refused_with_nav2s_code(
-    world: Probe, action: str, fields: dict[str, Any], code: int, said: str
+    world: RobotProbe, action: str, fields: dict[str, Any], code: int, said: str
 ) -> None:
     there = world.place(FREE)
     result = aborted(world.send(action, **fields), code)
@@ -155,7 +155,7 @@ def test_what_cannot_be_driven_is_refused_with_nav2s_code(
     ],
 )
 def test_what_takes_longer_than_allowed_times_out_and_stops(
-    world: Probe, action: str, fields: dict[str, Any], code: int
+    world: RobotProbe, action: str, fields: dict[str, Any], code: int
 ) -> None:
     began = world.place(FREE).time
     result = aborted(world.send(action, time_allowance=Duration(sec=1), **fields), code)
@@ -163,7 +163,7 @@ def test_what_takes_longer_than_allowed_times_out_and_stops(
     world.wait_at_rest()
 
 
-def test_no_motion_is_driven_into_a_wall(world: Probe) -> None:
+def test_no_motion_is_driven_into_a_wall(world: RobotProbe) -> None:
     cases = (
         (names.BACKUP, (0.6, 4.45, 0.0), 1.0, 0.2, BackUp.Result.COLLISION_AHEAD),
         (names.DRIVE_ON_HEADING, (0.6, 4.45, math.pi), 1.0, 0.2, DriveOnHeading.Result.COLLISION_AHEAD),
@@ -175,7 +175,7 @@ def test_no_motion_is_driven_into_a_wall(world: Probe) -> None:
         assert world.wait_at_rest().x > 0.15 + 0.22
 
 
-def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(world: Probe) -> None:
+def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(world: RobotProbe) -> None:
     states: list[int] = []
     node = world.runtime.node
     subscription = world.runtime.call(
@@ -204,7 +204,7 @@ def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(
 
 
 @pytest.mark.parametrize('action', [names.SPIN, names.BACKUP, names.DRIVE_ON_HEADING])
-def test_a_cancel_stops_a_motion(world: Probe, action: str) -> None:
+def test_a_cancel_stops_a_motion(world: RobotProbe, action: str) -> None:
     start = world.place(FREE)
     goal = spin(world, 20.0) if action == names.SPIN else drive(world, action, 3.0)
     world.wait(lambda: world.moving() and goal.feedback, 'the robot moving')
@@ -215,7 +215,7 @@ def test_a_cancel_stops_a_motion(world: Probe, action: str) -> None:
     assert 0.0 < rest.distance(start[1:]) + abs(rest.yaw) < 2.0
 
 
-def test_goals_that_are_canceled_before_they_have_begun_do_not_move_the_robot(world: Probe) -> None:
+def test_goals_that_are_canceled_before_they_have_begun_do_not_move_the_robot(world: RobotProbe) -> None:
     world.place(FREE)
     goals = [spin(world, 3.0) for _ in range(5)]
     for goal in goals:
@@ -225,7 +225,7 @@ def test_goals_that_are_canceled_before_they_have_begun_do_not_move_the_robot(wo
     assert world.wait_at_rest().distance(FREE) < 0.01
 
 
-def test_a_newer_turn_replaces_an_older_one(world: Probe) -> None:
+def test_a_newer_turn_replaces_an_older_one(world: RobotProbe) -> None:
     world.place(FREE)
     older = spin(world, 3.0)
     world.wait(lambda: world.moving() and older.feedback, 'the robot turning')
@@ -234,7 +234,7 @@ def test_a_newer_turn_replaces_an_older_one(world: Probe) -> None:
     assert newer.wait().status is GoalStatus.SUCCEEDED
 
 
-def test_a_turn_takes_the_robot_from_the_path_and_the_path_does_not_take_it_back(world: Probe) -> None:
+def test_a_turn_takes_the_robot_from_the_path_and_the_path_does_not_take_it_back(world: RobotProbe) -> None:
     world.place(DOCK)
     path = world.follow(line(DOCK, (11.2, 4.45)))
     world.wait_driving()
@@ -246,7 +246,7 @@ def test_a_turn_takes_the_robot_from_the_path_and_the_path_does_not_take_it_back
     assert {linear for linear, _ in world.commands[began:]} == {0.0}
 
 
-def test_a_path_takes_the_robot_from_a_turn(world: Probe) -> None:
+def test_a_path_takes_the_robot_from_a_turn(world: RobotProbe) -> None:
     world.place(DOCK)
     turn = spin(world, 20.0)
     world.wait(lambda: world.moving() and turn.feedback, 'the robot turning')

@@ -18,7 +18,7 @@ from flexbt_common.calls import GoalStatus
 from flexbt_common.values import seconds_of
 from flexbt_sim.ros_messages import pose_of
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, aborted, open_world, pose
 from flexbt_testing.waiting import DEADLINE
 
 Result = ComputePathToPose.Result
@@ -30,12 +30,12 @@ NOWHERE = (math.nan, 1.0)
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world() as probe:
         yield probe
 
 
-def through(world: Probe, *places: tuple[float, ...], **fields: Any) -> SentGoal:
+def through(world: RobotProbe, *places: tuple[float, ...], **fields: Any) -> SentGoal:
     """Ask for a path through places."""
     return world.send(names.COMPUTE_PATH_THROUGH_POSES, goals=[pose(place) for place in places], **fields)
 
@@ -50,7 +50,7 @@ def at(stamped: PoseStamped, place: tuple[float, ...]) -> bool:
     return math.dist(pose_of(stamped.pose)[: len(place)], place) < 1e-6
 
 
-def test_a_path_leads_from_the_robot_to_exactly_the_goal(world: Probe) -> None:
+def test_a_path_leads_from_the_robot_to_exactly_the_goal(world: RobotProbe) -> None:
     began = world.place(DOCK).time
     plans: list[Path] = []
     subscription = world.runtime.call(
@@ -72,7 +72,7 @@ def test_a_path_leads_from_the_robot_to_exactly_the_goal(world: Probe) -> None:
     world.runtime.call(lambda: world.runtime.node.destroy_subscription(subscription))
 
 
-def test_a_start_of_ones_own_is_used_only_when_asked_for(world: Probe) -> None:
+def test_a_start_of_ones_own_is_used_only_when_asked_for(world: RobotProbe) -> None:
     world.place(DOCK)
     assert at(ends(world.plan(OFFICE, start=pose(KITCHEN), use_start=True).result.path)[0], KITCHEN[:2])
     assert at(ends(world.plan(OFFICE, start=pose(KITCHEN)).result.path)[0], DOCK[:2])
@@ -112,14 +112,14 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_what_cannot_be_planned_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+def test_what_cannot_be_planned_is_refused_with_nav2s_code(world: RobotProbe, case: str) -> None:
     fields, code, said = REFUSED[case]
     result = aborted(world.send(names.COMPUTE_PATH_TO_POSE, **fields), code)
     assert said in result.error_msg
     assert not result.path.poses
 
 
-def test_a_path_through_places_visits_them_in_order_without_double_poses(world: Probe) -> None:
+def test_a_path_through_places_visits_them_in_order_without_double_poses(world: RobotProbe) -> None:
     world.place(DOCK)
     goal = through(world, KITCHEN, (6.0, 4.0), OFFICE)
     assert goal.wait().status is GoalStatus.SUCCEEDED
@@ -145,13 +145,13 @@ def test_a_path_through_places_visits_them_in_order_without_double_poses(world: 
     ],
 )
 def test_one_leg_that_cannot_be_planned_fails_the_whole_path(
-    world: Probe, places: tuple[Any, ...], fields: dict[str, Any], code: int
+    world: RobotProbe, places: tuple[Any, ...], fields: dict[str, Any], code: int
 ) -> None:
     result = aborted(through(world, *places, **fields), code)
     assert not result.path.poses
 
 
-def test_every_one_of_many_requests_at_once_gets_its_own_path(world: Probe) -> None:
+def test_every_one_of_many_requests_at_once_gets_its_own_path(world: RobotProbe) -> None:
     """More than the ten that a service keeps by default; a newer request does not take an older one's answer."""
     world.place(DOCK)
     places = [(1.0 + 0.2 * number, 3.95, 0.05 * number) for number in range(40)]
@@ -161,7 +161,7 @@ def test_every_one_of_many_requests_at_once_gets_its_own_path(world: Probe) -> N
         assert at(ends(goal.result.path)[1], place)
 
 
-def test_of_many_requests_those_that_are_canceled_have_no_path_and_the_others_have_theirs(world: Probe) -> None:
+def test_of_many_requests_those_that_are_canceled_have_no_path_and_the_others_have_theirs(world: RobotProbe) -> None:
     world.place(DOCK)
     goals = [world.plan(KITCHEN) for _ in range(40)]
     assert goals[10].accepted.wait(DEADLINE)

@@ -22,7 +22,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_sim.ros_messages import pose_of
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, FAST, Probe, aborted, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, FAST, RobotProbe, aborted, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 Result = ComputeRoute.Result
@@ -54,7 +54,7 @@ def graph_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def world(graph_file: Path) -> Iterator[Probe]:
+def world(graph_file: Path) -> Iterator[RobotProbe]:
     settings = {
         'graph_filepath': str(graph_file),
         'radius_to_achieve_node': 0.6,
@@ -67,22 +67,22 @@ def world(graph_file: Path) -> Iterator[Probe]:
 
 
 @pytest.fixture(autouse=True)
-def corridor_open(world: Probe, graph_file: Path) -> Iterator[None]:
+def corridor_open(world: RobotProbe, graph_file: Path) -> Iterator[None]:
     yield
     set_graph(world, graph_file)
     adjust(world, opened_edges=[23, 12], adjust_edges=[EdgeCost(edgeid=23, cost=0.0)])
 
 
-def set_graph(world: Probe, file: Path) -> bool:
+def set_graph(world: RobotProbe, file: Path) -> bool:
     request = SetRouteGraph.Request(graph_filepath=str(file))
     return bool(world.ask(SetRouteGraph, names.SET_ROUTE_GRAPH, request).success)
 
 
-def adjust(world: Probe, **fields: Any) -> bool:
+def adjust(world: RobotProbe, **fields: Any) -> bool:
     return bool(world.ask(DynamicEdges, names.ADJUST_EDGES, DynamicEdges.Request(**fields)).success)
 
 
-def by_ids(world: Probe, start: int, goal: int, action: str = names.COMPUTE_ROUTE) -> SentGoal:
+def by_ids(world: RobotProbe, start: int, goal: int, action: str = names.COMPUTE_ROUTE) -> SentGoal:
     return world.send(action, start_id=start, goal_id=goal, use_poses=False)
 
 
@@ -90,7 +90,7 @@ def nodes(route: Any) -> list[int]:
     return [node.nodeid for node in route.nodes]
 
 
-def test_a_route_between_nodes_has_its_edges_its_cost_and_a_dense_path(world: Probe) -> None:
+def test_a_route_between_nodes_has_its_edges_its_cost_and_a_dense_path(world: RobotProbe) -> None:
     goal = by_ids(world, 1, 3)
     assert goal.wait().status is GoalStatus.SUCCEEDED
     result = goal.result
@@ -105,7 +105,7 @@ def test_a_route_between_nodes_has_its_edges_its_cost_and_a_dense_path(world: Pr
     assert Duration.from_msg(result.planning_time).nanoseconds > 0
 
 
-def test_a_route_between_poses_leaves_out_what_is_passed_already(world: Probe) -> None:
+def test_a_route_between_poses_leaves_out_what_is_passed_already(world: RobotProbe) -> None:
     def way_on() -> list[int]:
         goal = world.send(names.COMPUTE_ROUTE, goal=pose((10.6, 4.45)), use_poses=True)
         goal.wait()
@@ -125,7 +125,7 @@ def test_a_route_between_poses_leaves_out_what_is_passed_already(world: Probe) -
     assert (nodes(alone.result.route), len(alone.result.path.poses)) == ([1], 1)
 
 
-def test_edges_are_closed_opened_and_made_dearer(world: Probe) -> None:
+def test_edges_are_closed_opened_and_made_dearer(world: RobotProbe) -> None:
     def way() -> list[int]:
         return nodes(by_ids(world, 1, 3).result.route)
 
@@ -154,7 +154,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_what_has_no_route_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+def test_what_has_no_route_is_refused_with_nav2s_code(world: RobotProbe, case: str) -> None:
     fields, code = REFUSED[case]
     for action in (names.COMPUTE_ROUTE, names.COMPUTE_AND_TRACK_ROUTE):
         result = aborted(world.send(action, **fields), code)
@@ -162,7 +162,7 @@ def test_what_has_no_route_is_refused_with_nav2s_code(world: Probe, case: str) -
 
 
 def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_does_not(
-    world: Probe, tmp_path: Path
+    world: RobotProbe, tmp_path: Path
 ) -> None:
     shown: list[MarkerArray] = []
     runtime = world.runtime
@@ -196,7 +196,7 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
 
 
 @pytest.fixture(scope='module')
-def door(world: Probe) -> list[bool]:
+def door(world: RobotProbe) -> list[bool]:
     """What the door says next to whoever wants it to open; the last one of it stays."""
     answers = [True]
 
@@ -209,7 +209,7 @@ def door(world: Probe) -> list[bool]:
     return answers
 
 
-def track(world: Probe, goal: int) -> SentGoal:
+def track(world: RobotProbe, goal: int) -> SentGoal:
     """From node 1 on, with the robot before it."""
     world.place(START)
     tracked = by_ids(world, 1, goal, names.COMPUTE_AND_TRACK_ROUTE)
@@ -221,7 +221,7 @@ def told(tracked: SentGoal) -> list[tuple[int, int, int, bool]]:
     return [(one.last_node_id, one.next_node_id, one.current_edge_id, one.rerouted) for one in tracked.feedback]
 
 
-def test_a_robot_is_tracked_along_its_route_to_the_end(world: Probe, door: list[bool]) -> None:
+def test_a_robot_is_tracked_along_its_route_to_the_end(world: RobotProbe, door: list[bool]) -> None:
     limits: list[SpeedLimit] = []
     runtime = world.runtime
     subscription = runtime.call(
@@ -249,7 +249,7 @@ def test_a_robot_is_tracked_along_its_route_to_the_end(world: Probe, door: list[
     runtime.call(lambda: runtime.node.destroy_subscription(subscription))
 
 
-def test_a_route_becomes_another_one_where_the_robot_is_and_the_robot_stays_on_its_edge(world: Probe) -> None:
+def test_a_route_becomes_another_one_where_the_robot_is_and_the_robot_stays_on_its_edge(world: RobotProbe) -> None:
     tracked = track(world, 3)
     driven = world.follow(tracked.feedback[0].path)
     world.wait(lambda: world.sightings[-1].x > 7.0, 'the robot on the first edge')
@@ -267,7 +267,9 @@ def test_a_route_becomes_another_one_where_the_robot_is_and_the_robot_stays_on_i
     assert newer.wait().status is GoalStatus.SUCCEEDED
 
 
-def test_an_edge_that_an_obstacle_blocks_is_given_up_before_the_robot_is_there(world: Probe, tmp_path: Path) -> None:
+def test_an_edge_that_an_obstacle_blocks_is_given_up_before_the_robot_is_there(
+    world: RobotProbe, tmp_path: Path
+) -> None:
     """The pillar in the corridor is on the way; nothing leads round it."""
     way = [node(1, 3.0, 4.45), node(2, 4.0, 4.45), node(3, 7.0, 4.45), edge(12, 1, 2), edge(23, 2, 3)]
     assert set_graph(world, write(tmp_path / 'pillar', way))
@@ -278,7 +280,7 @@ def test_an_edge_that_an_obstacle_blocks_is_given_up_before_the_robot_is_there(w
 
 
 def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
-    world: Probe, door: list[bool], tmp_path: Path
+    world: RobotProbe, door: list[bool], tmp_path: Path
 ) -> None:
     door[0] = False
     tracked = track(world, 4)
@@ -295,7 +297,7 @@ def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
         aborted(track(world, 2), Tracked.OPERATION_FAILED)
 
 
-def test_a_newer_goal_takes_the_tracking_over_and_a_cancel_ends_it(world: Probe) -> None:
+def test_a_newer_goal_takes_the_tracking_over_and_a_cancel_ends_it(world: RobotProbe) -> None:
     older = track(world, 4)
     newer = track(world, 3)
     aborted(older, Tracked.NONE)
@@ -304,7 +306,7 @@ def test_a_newer_goal_takes_the_tracking_over_and_a_cancel_ends_it(world: Probe)
     assert newer.result.error_code == Tracked.NONE
 
 
-def test_every_one_of_many_requests_has_its_route_or_its_cancel(world: Probe) -> None:
+def test_every_one_of_many_requests_has_its_route_or_its_cancel(world: RobotProbe) -> None:
     goals = [by_ids(world, 1, 4) for _ in range(40)]
     for goal in goals[20:]:
         goal.cancel()

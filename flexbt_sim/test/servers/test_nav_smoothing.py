@@ -15,18 +15,18 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, aborted, line, open_world, pose
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, aborted, line, open_world, pose
 
 Result = SmoothPath.Result
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world() as probe:
         yield probe
 
 
-def smooth(world: Probe, path: Path, **fields: Any) -> SentGoal:
+def smooth(world: RobotProbe, path: Path, **fields: Any) -> SentGoal:
     """Within 10 s, unless said otherwise."""
     return world.send(names.SMOOTH_PATH, **({'path': path, 'max_smoothing_duration': Duration(sec=10)} | fields))
 
@@ -43,7 +43,7 @@ def points(path: Path) -> list[tuple[float, float]]:
 
 
 @pytest.mark.parametrize('smoother', ['', 'simple_smoother', 'route_smoother'])
-def test_a_path_is_smoothed_between_its_ends(world: Probe, smoother: str) -> None:
+def test_a_path_is_smoothed_between_its_ends(world: RobotProbe, smoother: str) -> None:
     shown: list[Path] = []
     node = world.runtime.node
     subscription = world.runtime.call(lambda: node.create_subscription(Path, names.PLAN_SMOOTHED, shown.append, 1))
@@ -62,7 +62,7 @@ def test_a_path_is_smoothed_between_its_ends(world: Probe, smoother: str) -> Non
     world.runtime.call(lambda: node.destroy_subscription(subscription))
 
 
-def test_a_planned_path_is_smoothed_without_a_collision(world: Probe) -> None:
+def test_a_planned_path_is_smoothed_without_a_collision(world: RobotProbe) -> None:
     world.place(DOCK)
     plan = world.plan(OFFICE)
     goal = smooth(world, plan.result.path, check_for_collisions=True)
@@ -85,18 +85,18 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('case', REFUSED)
-def test_what_cannot_be_smoothed_is_refused_with_nav2s_code(world: Probe, case: str) -> None:
+def test_what_cannot_be_smoothed_is_refused_with_nav2s_code(world: RobotProbe, case: str) -> None:
     fields, code, said = REFUSED[case]
     result = aborted(smooth(world, **({'path': corner()} | fields)), code)
     assert said in result.error_msg
     assert result.was_completed is (case == 'collision')
 
 
-def test_without_the_check_a_path_through_a_wall_is_smoothed(world: Probe) -> None:
+def test_without_the_check_a_path_through_a_wall_is_smoothed(world: RobotProbe) -> None:
     assert smooth(world, THROUGH_THE_WALL).wait().status is GoalStatus.SUCCEEDED
 
 
-def test_every_one_of_many_requests_gets_its_answer_or_its_cancel(world: Probe) -> None:
+def test_every_one_of_many_requests_gets_its_answer_or_its_cancel(world: RobotProbe) -> None:
     goals = [smooth(world, corner()) for _ in range(30)]
     for goal in goals[15:]:
         goal.cancel()

@@ -16,20 +16,20 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.values import seconds_of
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, Probe, aborted, open_world
+from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, aborted, open_world
 
 Result = AssistedTeleop.Result
 Joystick = Callable[[float, float], None]
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world({'speed_factor': 5.0}) as probe:
         yield probe
 
 
 @pytest.fixture
-def joystick(world: Probe) -> Iterator[Joystick]:
+def joystick(world: RobotProbe) -> Iterator[Joystick]:
     """Held as it was put last: it repeats its command every 50 ms of wall time."""
     runtime = world.runtime
     commands = runtime.call(lambda: runtime.node.create_publisher(Twist, names.CMD_VEL_TELEOP, 1))
@@ -44,14 +44,14 @@ def joystick(world: Probe) -> Iterator[Joystick]:
     runtime.call(lambda: (runtime.node.destroy_timer(timer), runtime.node.destroy_publisher(commands)))
 
 
-def teleop(world: Probe, allowance: int = 0) -> SentGoal:
+def teleop(world: RobotProbe, allowance: int = 0) -> SentGoal:
     """Hand the robot over to the operator."""
     goal = world.send(names.ASSISTED_TELEOP, time_allowance=Duration(sec=allowance))
     world.wait(lambda: goal.feedback, 'feedback')
     return goal
 
 
-def preempt(world: Probe) -> None:
+def preempt(world: RobotProbe) -> None:
     """The operator is done."""
     node = world.runtime.node
     done = world.runtime.call(lambda: node.create_publisher(Empty, names.PREEMPT_TELEOP, 1))
@@ -60,7 +60,7 @@ def preempt(world: Probe) -> None:
 
 
 def test_the_operator_drives_up_to_a_wall_and_not_into_it_and_says_when_it_is_done(
-    world: Probe, joystick: Joystick
+    world: RobotProbe, joystick: Joystick
 ) -> None:
     world.place((1.2, 4.45, math.pi))
     goal = teleop(world)
@@ -78,13 +78,13 @@ def test_the_operator_drives_up_to_a_wall_and_not_into_it_and_says_when_it_is_do
     world.wait_at_rest()
 
 
-def test_what_is_commanded_while_nobody_has_asked_for_it_does_not_drive(world: Probe, joystick: Joystick) -> None:
+def test_what_is_commanded_while_nobody_has_asked_for_it_does_not_drive(world: RobotProbe, joystick: Joystick) -> None:
     there = world.place(DOCK)
     joystick(0.2, 0.0)
     assert world.later(1.0)[1:] == there[1:]
 
 
-def test_the_time_is_up_whatever_the_operator_does(world: Probe, joystick: Joystick) -> None:
+def test_the_time_is_up_whatever_the_operator_does(world: RobotProbe, joystick: Joystick) -> None:
     world.place(DOCK)
     goal = world.send(names.ASSISTED_TELEOP, time_allowance=Duration(sec=1))
     joystick(0.2, 0.0)
@@ -93,7 +93,7 @@ def test_the_time_is_up_whatever_the_operator_does(world: Probe, joystick: Joyst
     world.wait_at_rest()
 
 
-def test_an_operator_who_falls_silent_or_talks_nonsense_drives_nowhere(world: Probe, joystick: Joystick) -> None:
+def test_an_operator_who_falls_silent_or_talks_nonsense_drives_nowhere(world: RobotProbe, joystick: Joystick) -> None:
     world.place(DOCK)
     goal = teleop(world)
     joystick(0.2, 0.0)
@@ -107,7 +107,7 @@ def test_an_operator_who_falls_silent_or_talks_nonsense_drives_nowhere(world: Pr
     world.wait_at_rest()
 
 
-def test_a_single_command_counts_for_half_a_second(world: Probe) -> None:
+def test_a_single_command_counts_for_half_a_second(world: RobotProbe) -> None:
     world.place(DOCK)
     goal = teleop(world)
     node = world.runtime.node

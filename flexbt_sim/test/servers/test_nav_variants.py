@@ -18,7 +18,17 @@ from flexbt_sim.nodes import Navigation
 from flexbt_sim.simulation import Simulation
 from flexbt_sim.simulator import Simulator
 from flexbt_sim.world import DriveModel
-from flexbt_testing.nodes.sim_world import DOCK, FAST, OFFICE, Probe, aborted, line, open_world, pose, without_faults
+from flexbt_testing.nodes.sim_world import (
+    DOCK,
+    FAST,
+    OFFICE,
+    RobotProbe,
+    aborted,
+    line,
+    open_world,
+    pose,
+    without_faults,
+)
 
 PLACE = '/fleet/robot1'
 
@@ -32,7 +42,7 @@ def test_a_robot_in_a_namespace_with_stamped_commands_is_driven_as_fast_as_possi
         without_faults(names.NAVIGATION, namespace=PLACE, parameters=slaved) as navigation,
         without_faults('probe', namespace=PLACE) as client,
     ):
-        probe = Probe(client)
+        probe = RobotProbe(client)
         commands: list[TwistStamped] = []
         node = client.node
         client.call(lambda: node.create_subscription(TwistStamped, f'{PLACE}/stamped_commands', commands.append, 100))
@@ -63,7 +73,8 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         without_faults('one', namespace='/fleet/alpha') as one,
         without_faults('other', namespace='/fleet/beta') as other,
     ):
-        probes = [Probe(one), Probe(other, hears_commands=False)]  # commands that are sent, and that need not be
+        # The commands of the other are sent, and need not be.
+        probes = [RobotProbe(one), RobotProbe(other, hears_commands=False)]
         given = '--ros-args -r __node:=x -r __ns:=/y -p desired_linear_vel:=0.2'  # as ros2 launch names the simulator
         Simulation(simulator, given.split())
         places = [(4.0, 1.0), (3.0, 4.0)]
@@ -103,7 +114,7 @@ def test_a_car_drives_backward_to_what_is_behind_it_and_onto_a_dock(tmp_path: Pa
         without_faults(names.NAVIGATION, namespace='/robot/robot', parameters=car) as node,
         without_faults('probe', namespace='/robot/robot') as client,
     ):
-        probe = Probe(client)
+        probe = RobotProbe(client)
         Simulator(simulator)
         Navigation(node)
         path = probe.plan(goal).result.path

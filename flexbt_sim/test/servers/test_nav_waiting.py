@@ -29,22 +29,22 @@ from flexbt_sim.server_common import (
 from flexbt_sim.server_common.costmap_server import CostmapServer
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import DOCK, Probe, line, open_world, pose, without_faults
+from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line, open_world, pose, without_faults
 from flexbt_testing.waiting import uncontended_time
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world({'speed_factor': 10.0}) as probe:
         yield probe
 
 
-def wait(world: Probe, seconds: float) -> SentGoal:
+def wait(world: RobotProbe, seconds: float) -> SentGoal:
     """Wait, s."""
     return world.send(names.WAIT, time=duration_message(seconds))
 
 
-def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: Probe) -> None:
+def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: RobotProbe) -> None:
     began = world.now.time
     goals = {seconds: wait(world, seconds) for seconds in (2.0, 0.7, 1.0)}
     for seconds, goal in goals.items():
@@ -57,21 +57,21 @@ def test_it_takes_the_time_asked_for_on_the_simulated_clock(world: Probe) -> Non
 
 
 @pytest.mark.parametrize('duration', [Duration(), Duration(sec=-5)])
-def test_no_time_is_over_at_once(world: Probe, duration: Duration) -> None:
+def test_no_time_is_over_at_once(world: RobotProbe, duration: Duration) -> None:
     began = world.now.time
     goal = world.send(names.WAIT, time=duration)
     assert goal.wait().status is GoalStatus.SUCCEEDED
     assert seconds_of(goal.result.total_elapsed_time) < world.now.time - began + 1.0
 
 
-def test_one_of_several_is_canceled_the_others_wait_on(world: Probe) -> None:
+def test_one_of_several_is_canceled_the_others_wait_on(world: RobotProbe) -> None:
     long, short = wait(world, 1000.0), wait(world, 1.0)
     long.cancel()
     assert long.wait().status is GoalStatus.CANCELED
     assert short.wait().status is GoalStatus.SUCCEEDED
 
 
-def test_the_robot_drives_meanwhile(world: Probe) -> None:
+def test_the_robot_drives_meanwhile(world: RobotProbe) -> None:
     world.place(DOCK)
     path, pause = world.follow(line(DOCK, (1.8, 4.45))), wait(world, 3.0)
     assert path.wait().status is GoalStatus.SUCCEEDED
@@ -79,7 +79,9 @@ def test_the_robot_drives_meanwhile(world: Probe) -> None:
 
 
 @pytest.mark.skipif(not tells_writers(), reason='the stock executor takes whatever comes')
-def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(world: Probe, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(
+    world: RobotProbe, monkeypatch: pytest.MonkeyPatch
+) -> None:
     heard: list[float] = []
     tell = RobotInterface._tell_waiting
 

@@ -28,7 +28,7 @@ from flexbt_common.values import seconds_of
 from flexbt_sim.ros_messages import map_of, pose_of
 from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_sim.world import DriveModel, load_map
-from flexbt_testing.nodes.sim_world import DOCK, OFFICE, Probe, open_probe, open_simulator
+from flexbt_testing.nodes.sim_world import DOCK, OFFICE, RobotProbe, open_probe, open_simulator
 from flexbt_testing.waiting import uncontended_time, wait_until
 
 LIMITS = DriveModel()
@@ -37,12 +37,12 @@ BRAKING = LIMITS.linear_speed / LIMITS.linear_acceleration
 
 
 @pytest.fixture(scope='module')
-def simulator() -> Iterator[Probe]:
+def simulator() -> Iterator[RobotProbe]:
     with open_simulator(speed_factor=5.0, scan_noise=0.0) as probe:
         yield probe
 
 
-def receive(probe: Probe, message_type: Any, topic: str, count: int = 1, qos: Any = LOSSY) -> list[Any]:
+def receive(probe: RobotProbe, message_type: Any, topic: str, count: int = 1, qos: Any = LOSSY) -> list[Any]:
     """The next messages of a topic."""
     messages: list[Any] = []
     node = probe.runtime.node
@@ -52,7 +52,7 @@ def receive(probe: Probe, message_type: Any, topic: str, count: int = 1, qos: An
     return messages
 
 
-def test_the_map_is_there_for_whoever_comes_late(simulator: Probe) -> None:
+def test_the_map_is_there_for_whoever_comes_late(simulator: RobotProbe) -> None:
     (grid,) = receive(simulator, OccupancyGrid, names.MAP, qos=names.latched())
     assert grid.header.frame_id == 'map'
     received, drawn = map_of(grid), load_map(built_in_map())
@@ -61,7 +61,7 @@ def test_the_map_is_there_for_whoever_comes_late(simulator: Probe) -> None:
     assert received.resolution == pytest.approx(drawn.resolution)
 
 
-def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
+def test_odometry_tells_pose_and_speed_at_its_rate(simulator: RobotProbe) -> None:
     simulator.place(DOCK)
     told: list[Odometry] = []
 
@@ -89,7 +89,7 @@ def test_odometry_tells_pose_and_speed_at_its_rate(simulator: Probe) -> None:
     assert took / 9 == pytest.approx(0.03, rel=0.2)
 
 
-def test_a_pose_comes_rarely_while_the_robot_is_at_rest_and_often_while_it_is_driven(simulator: Probe) -> None:
+def test_a_pose_comes_rarely_while_the_robot_is_at_rest_and_often_while_it_is_driven(simulator: RobotProbe) -> None:
     simulator.place(DOCK)
     simulator.wait(lambda: all(gap > 0.05 for gap in gaps(simulator)), 'poses at rest')
     assert min(gaps(simulator)) < 0.12
@@ -101,12 +101,12 @@ def test_a_pose_comes_rarely_while_the_robot_is_at_rest_and_often_while_it_is_dr
     simulator.wait(is_often, 'poses of a drive')
 
 
-def gaps(probe: Probe) -> list[float]:
+def gaps(probe: RobotProbe) -> list[float]:
     """Simulated time between the last six poses, s."""
     return [later.time - earlier.time for earlier, later in pairwise(probe.sightings[-6:])]
 
 
-def test_transforms_lead_from_the_map_to_the_lidar(simulator: Probe) -> None:
+def test_transforms_lead_from_the_map_to_the_lidar(simulator: RobotProbe) -> None:
     there = simulator.place(OFFICE)
     tf = receive(simulator, TFMessage, names.TF)[-1]
     tf_static = receive(simulator, TFMessage, names.TF_STATIC, qos=names.latched())[0]
@@ -135,7 +135,7 @@ def test_transforms_are_in_the_namespace_of_the_robot() -> None:
             assert receive(probe, TFMessage, f'/robot1/{topic}', qos=names.latched() if 'static' in topic else LOSSY)
 
 
-def test_scans_show_the_walls_of_the_map(simulator: Probe) -> None:
+def test_scans_show_the_walls_of_the_map(simulator: RobotProbe) -> None:
     simulator.place(DOCK)
     scan = receive(simulator, LaserScan, names.SCAN)[-1]
     assert scan.header.frame_id == 'base_scan'
@@ -145,7 +145,7 @@ def test_scans_show_the_walls_of_the_map(simulator: Probe) -> None:
     assert [scan.ranges[index] for index in (90, 180, 270)] == pytest.approx([0.95, 0.65, 0.9], abs=0.06)
 
 
-def test_a_robot_without_commands_stops_by_itself(simulator: Probe) -> None:
+def test_a_robot_without_commands_stops_by_itself(simulator: RobotProbe) -> None:
     simulator.place(DOCK)
     commanded = simulator.now.time
     simulator.drive(0.26)
@@ -157,7 +157,7 @@ def test_a_robot_without_commands_stops_by_itself(simulator: Probe) -> None:
 
 
 @pytest.mark.parametrize(('asked', 'speed'), [(100.0, LIMITS.linear_speed), (math.nan, 0.0)])
-def test_commands_are_cut_to_what_the_robot_can_do(simulator: Probe, asked: float, speed: float) -> None:
+def test_commands_are_cut_to_what_the_robot_can_do(simulator: RobotProbe, asked: float, speed: float) -> None:
     start = simulator.place(DOCK)
     for _ in range(8):
         simulator.drive(asked)
@@ -166,7 +166,7 @@ def test_commands_are_cut_to_what_the_robot_can_do(simulator: Probe, asked: floa
     assert max(speeds) == pytest.approx(speed, abs=1e-3)
 
 
-def test_a_wall_stops_the_robot(simulator: Probe) -> None:
+def test_a_wall_stops_the_robot(simulator: RobotProbe) -> None:
     simulator.place((0.6, 4.45, math.pi))
     for _ in range(20):
         simulator.drive(0.26)
@@ -179,7 +179,7 @@ def test_a_wall_stops_the_robot(simulator: Probe) -> None:
     [(1.0, 3.45, 0.0), (1.0, 3.7, 0.0), (-5.0, 2.0, 0.0), (1e9, 1e9, 0.0), (math.nan, 1.0, 0.0), (2.0, 4.4, math.nan)],
 )
 def test_a_place_where_the_robot_does_not_fit_is_refused_and_the_world_goes_on(
-    simulator: Probe, place: tuple[float, float, float]
+    simulator: RobotProbe, place: tuple[float, float, float]
 ) -> None:
     there = simulator.place(DOCK)
     simulator.put(place)
@@ -187,13 +187,13 @@ def test_a_place_where_the_robot_does_not_fit_is_refused_and_the_world_goes_on(
     simulator.place(OFFICE)
 
 
-def test_a_place_in_another_frame_is_refused(simulator: Probe) -> None:
+def test_a_place_in_another_frame_is_refused(simulator: RobotProbe) -> None:
     there = simulator.place(DOCK)
     simulator.put(OFFICE, 'odom')
     assert simulator.later(0.5)[1:] == there[1:]
 
 
-def test_a_reset_brings_the_driving_robot_back_to_rest_at_its_start(simulator: Probe) -> None:
+def test_a_reset_brings_the_driving_robot_back_to_rest_at_its_start(simulator: RobotProbe) -> None:
     simulator.place((5.0, 4.0, 0.0))
     before = simulator.now.time
     simulator.drive(0.26, 0.5)
@@ -205,7 +205,7 @@ def test_a_reset_brings_the_driving_robot_back_to_rest_at_its_start(simulator: P
     assert rest.time > before  # time does not start again
 
 
-def rate(probe: Probe) -> float:
+def rate(probe: RobotProbe) -> float:
     """Simulated seconds per second, over half a second."""
     times: list[tuple[float, float]] = []
     node = probe.runtime.node
@@ -220,7 +220,7 @@ def rate(probe: Probe) -> float:
     return (times[-1][1] - times[0][1]) / (times[-1][0] - times[0][0])
 
 
-def test_time_passes_at_the_speed_factor_which_can_be_changed(simulator: Probe) -> None:
+def test_time_passes_at_the_speed_factor_which_can_be_changed(simulator: RobotProbe) -> None:
     for factor in (1.0, 4.0):
         simulator.set_speed_factor(factor)
         rates = (rate(simulator) for _ in range(10))  # a busy machine may hold it up now and then
@@ -230,7 +230,7 @@ def test_time_passes_at_the_speed_factor_which_can_be_changed(simulator: Probe) 
     simulator.set_speed_factor(5.0)
 
 
-def wait_still(probe: Probe, seconds: float) -> None:
+def wait_still(probe: RobotProbe, seconds: float) -> None:
     """Wait until no pose has come for so long, s of wall time."""
     last = [0.0, 0.0]
 
@@ -242,7 +242,7 @@ def wait_still(probe: Probe, seconds: float) -> None:
     probe.wait(still, 'a world that stands still')
 
 
-def test_a_world_that_stands_nearly_still_goes_on_as_soon_as_it_is_told_to(simulator: Probe) -> None:
+def test_a_world_that_stands_nearly_still_goes_on_as_soon_as_it_is_told_to(simulator: RobotProbe) -> None:
     for slowest in (1e-3, 1e-300):
         try:
             simulator.set_speed_factor(slowest)
@@ -255,7 +255,7 @@ def test_a_world_that_stands_nearly_still_goes_on_as_soon_as_it_is_told_to(simul
 
 
 @pytest.mark.parametrize('factor', [-1.0, 2000.0, math.nan, math.inf])
-def test_other_speed_factors_are_refused(simulator: Probe, factor: float) -> None:
+def test_other_speed_factors_are_refused(simulator: RobotProbe, factor: float) -> None:
     change = Parameter('speed_factor', value=factor).to_parameter_msg()
     response = simulator.ask(SetParameters, 'simulator/set_parameters', SetParameters.Request(parameters=[change]))
     assert not response.results[0].successful
@@ -263,7 +263,7 @@ def test_other_speed_factors_are_refused(simulator: Probe, factor: float) -> Non
     simulator.later(0.5)
 
 
-def test_as_fast_as_possible_a_driver_keeps_up_all_the_same(simulator: Probe) -> None:
+def test_as_fast_as_possible_a_driver_keeps_up_all_the_same(simulator: RobotProbe) -> None:
     """A driver that answers each pose never finds that the watchdog has stopped its robot."""
     simulator.place(DOCK)
     simulator.set_speed_factor(0.0)
@@ -280,7 +280,7 @@ def test_as_fast_as_possible_a_driver_keeps_up_all_the_same(simulator: Probe) ->
     )
 
 
-def test_as_fast_as_possible_the_world_waits_for_whoever_computes_and_for_nobody_else(simulator: Probe) -> None:
+def test_as_fast_as_possible_the_world_waits_for_whoever_computes_and_for_nobody_else(simulator: RobotProbe) -> None:
     """A plan that takes a second of wall time takes one of simulated time, or a little more, not fifty."""
     planning: list[ServedGoal] = []
     runtime = simulator.runtime

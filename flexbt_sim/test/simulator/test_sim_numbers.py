@@ -26,7 +26,7 @@ from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import load_map
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import ACTIONS, DOCK, OFFICE, Probe, line, open_world, pose
+from flexbt_testing.nodes.sim_world import ACTIONS, DOCK, OFFICE, RobotProbe, line, open_world, pose
 from flexbt_testing.waiting import wait_until
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e19, 1e9, 5e-324)
@@ -42,7 +42,7 @@ GOALS: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope='module')
-def world() -> Iterator[Probe]:
+def world() -> Iterator[RobotProbe]:
     with open_world() as opened:
         yield opened
 
@@ -70,14 +70,14 @@ def hostile(message: Any) -> Iterator[tuple[str, Any]]:
             yield f'{path} {number}', changed
 
 
-def goes_on(world: Probe) -> None:
+def goes_on(world: RobotProbe) -> None:
     world.place(DOCK)
     goal = SentGoal(world.links.link(ACTIONS[names.SPIN], names.SPIN), ACTIONS[names.SPIN].Goal(target_yaw=0.3), 60.0)
     assert goal.wait().status is GoalStatus.SUCCEEDED, goal.wait()
 
 
 @pytest.mark.parametrize('action', GOALS)
-def test_goals(world: Probe, action: str) -> None:
+def test_goals(world: RobotProbe, action: str) -> None:
     world.place(DOCK)
     for what, goal in hostile(ACTIONS[action].Goal(**copy.deepcopy(GOALS[action]))):
         sent = SentGoal(world.links.link(ACTIONS[action], action), goal, 20.0)
@@ -94,7 +94,7 @@ def test_goals(world: Probe, action: str) -> None:
     goes_on(world)
 
 
-def test_paths_to_check(world: Probe) -> None:
+def test_paths_to_check(world: RobotProbe) -> None:
     for _, request in hostile(IsPathValid.Request(path=line(DOCK, (1.2, 4.45), spacing=0.4))):
         world.ask(IsPathValid, names.IS_PATH_VALID, request)
     goes_on(world)
@@ -109,7 +109,7 @@ def test_paths_to_check(world: Probe) -> None:
         (names.MAP, OccupancyGrid(data=[0] * 9)),
     ],
 )
-def test_messages(world: Probe, topic: str, message: Any) -> None:
+def test_messages(world: RobotProbe, topic: str, message: Any) -> None:
     real_map = grid_message(load_map(built_in_map()), 'map', Time())
     if topic == names.MAP:
         message.info.width = message.info.height = 3

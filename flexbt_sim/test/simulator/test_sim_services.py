@@ -56,7 +56,7 @@ from flexbt_sim.simulator import Simulator, built_in_map
 from flexbt_sim.world import WorldFile
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import Probe, pose, without_faults
+from flexbt_testing.nodes.sim_world import RobotProbe, pose, without_faults
 from flexbt_testing.waiting import wait_until
 
 WORLD = """
@@ -83,7 +83,7 @@ class Bench:
     def __init__(self, simulator: Simulator, runtime: NodeRuntime) -> None:
         self.simulator = simulator
         self.runtime = runtime
-        self._probe = Probe(runtime)
+        self._probe = RobotProbe(runtime)
 
     def ask(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Ask a service of the simulator; the response."""

@@ -103,7 +103,7 @@ def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spaci
     return path
 
 
-class Probe:
+class RobotProbe:
     """Sees the robot, sends it goals, commands and to other places."""
 
     def __init__(self, runtime: NodeRuntime, *, hears_commands: bool = True) -> None:
@@ -253,14 +253,14 @@ def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
 
 
 @contextlib.contextmanager
-def open_probe() -> Iterator[Probe]:
+def open_probe() -> Iterator[RobotProbe]:
     """A probe, before there is anything to see."""
     with without_faults('probe') as runtime:
-        yield Probe(runtime)
+        yield RobotProbe(runtime)
 
 
 @contextlib.contextmanager
-def open_simulator(**parameters: Any) -> Iterator[Probe]:
+def open_simulator(**parameters: Any) -> Iterator[RobotProbe]:
     """A simulator and its probe."""
     with without_faults(names.SIMULATOR, parameters=parameters) as simulator, open_probe() as probe:
         Simulator(simulator)
@@ -281,7 +281,9 @@ FAST = {'speed_factor': 0.0}
 
 
 @contextlib.contextmanager
-def open_world(simulator: Mapping[str, Any] = FAST, navigation: Mapping[str, Any] | None = None) -> Iterator[Probe]:
+def open_world(
+    simulator: Mapping[str, Any] = FAST, navigation: Mapping[str, Any] | None = None
+) -> Iterator[RobotProbe]:
     """Simulator, navigation servers, probe."""
     with open_simulator(**simulator) as probe, open_navigation(**(navigation or {})):
         yield probe

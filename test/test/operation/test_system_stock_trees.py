@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.behavior_trees.stock_trees import stock_trees
 from flexbt_testing.nodes.sent_goal import SentGoal
-from flexbt_testing.nodes.sim_world import Probe, open_probe, pose
+from flexbt_testing.nodes.sim_world import RobotProbe, open_probe, pose
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -90,7 +90,7 @@ ACTIVE: Final = (GoalStatusMessage.STATUS_ACCEPTED, GoalStatusMessage.STATUS_EXE
 class Robot:
     """A robot of real processes, and who gives it goals, opens doors and brings faults about."""
 
-    def __init__(self, probe: Probe, trees: Path) -> None:
+    def __init__(self, probe: RobotProbe, trees: Path) -> None:
         self.probe = probe
         self._trees = trees
         self._begun: dict[str, set[bytes]] = {names.WAIT: set(), names.BACKUP: set()}
