@@ -136,6 +136,8 @@ def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
     server.runtime.close()
     assert run.wait() == 'failed'
     assert 'bt_executor' in run.errors()
+    assert run.message.startswith('/State: ') and "server 'bt_executor' " in run.message, run.message
+    assert 'is gone' in run.message, run.message
 
 
 def test_a_value_that_does_not_fit_is_refused_before_anything_runs(bench: StateBench) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_console.mirror import (
+    LOST_PERIODS,
     ActiveState,
     Behavior,
     BehaviorList,
@@ -105,6 +106,18 @@ def test_the_age_is_told_and_nothing_old_is_called_live() -> None:
         assert mirror.view().link is state
     mirror.receive_snapshot(snapshot('e', 2), Transit(5.1, 5.11))
     assert mirror.view().link is LinkState.LIVE
+
+
+@pytest.mark.parametrize(('lost_after', 'lost_age'), [(20.0, 20.0), (0.1, LOST_PERIODS)])
+def test_a_link_is_lost_at_the_age_that_was_set_and_after_some_periods_at_the_soonest(
+    lost_after: float, lost_age: float
+) -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock, lost_after=lost_after)
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    for age, state in ((lost_age - 0.1, LinkState.STALE), (lost_age + 0.1, LinkState.LOST)):
+        clock.set(age)
+        assert mirror.view().link is state
 
 
 @given(

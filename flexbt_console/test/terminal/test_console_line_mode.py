@@ -15,8 +15,11 @@ from typing import Any
 import pytest
 
 from flexbt_common.cli import restored_signals
+from flexbt_common.runtime import NodeRuntime
+from flexbt_console.commands import parse
 from flexbt_console.errors import ExitCode
-from flexbt_console.ui.console import main
+from flexbt_console.mirror import LinkState, Snapshot, Transit
+from flexbt_console.ui.console import _mirror_maker, main
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.system.console_process import COMMAND, run_console
 from flexbt_testing.system.console_process import start_console as start
@@ -130,6 +133,14 @@ def test_exit_code_5_without_an_executive() -> None:
     done = console('status', '--json', namespace='nobody', timeout='0.5')
     assert done.returncode == 5
     assert json.loads(done.stdout)['result'] == 'no_link'
+
+
+@pytest.mark.parametrize(('words', 'state'), [([], LinkState.LOST), (['--lost-after', '10000'], LinkState.STALE)])
+def test_the_age_at_which_a_link_is_lost_is_an_option(words: list[str], state: LinkState) -> None:
+    with NodeRuntime.open('console') as runtime:
+        mirror = _mirror_maker(parse(['status', *words]), runtime)()
+        mirror.receive_snapshot(Snapshot('e', 1), Transit(sent=0.0, received=5000.0))
+        assert mirror.view().link is state
 
 
 def test_what_the_middleware_prints_is_no_part_of_an_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from rclpy.action import ActionClient
 
+from flexbt_common import names
 from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
@@ -18,6 +19,7 @@ from flexbt_msgs.msg import (
     BlackboardEntry,
     CommandResult,
     ExecutiveCommand,
+    ExecutiveLog,
     ExecutiveStatus,
     PendingDecision,
 )
@@ -129,6 +131,20 @@ def test_commands_for_another_executive_are_ignored_except_a_stop_of_the_run(ben
     results = {result.command_id for status in bench.statuses for result in status.results}
     assert started.command_id in results and results.isdisjoint(ignored)
     assert bench.entered == ['/A']
+
+
+def test_a_stop_has_a_way_of_its_own_on_which_nothing_else_is_taken(
+    bench: LoopBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.start()
+    bench.decision('/A')
+    monkeypatch.setattr(bench, '_publish', bench._stops.publish)  # there alone
+    wait_until(bench._stops.get_subscription_count, f'who hears {names.EXECUTIVE_STOP}')
+    dropped = bench.send(AUTONOMY, autonomy=0)
+    assert bench.logged(f'belongs on {names.EXECUTIVE_COMMAND}').severity == ExecutiveLog.WARN
+    bench.applied(STOP)
+    assert bench.wait_idle() == 'preempted'
+    assert dropped not in {result.command_id for status in bench.statuses for result in status.results}
 
 
 def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:

@@ -218,6 +218,25 @@ def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
     assert not bench.status.peers[1].alive
 
 
+def test_a_peer_that_hangs_is_gone_after_the_time_that_was_set(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=('bt_server',), peer_timeout=1.0))
+    go_on = threading.Event()
+    with NodeRuntime.open('bt_server') as server:
+        LivelinessToken(server)
+        bench.wait_for(lambda status: status.peers[0].alive, 'alive')
+        server.post(lambda: go_on.wait(DEADLINE))
+        bench.wait_for(lambda status: not status.peers[0].alive, 'gone')
+        go_on.set()
+        bench.wait_for(lambda status: status.peers[0].alive, 'alive again')
+    # By default it would have been told as late before: that is told sooner than it would have been gone.
+    bench.logged('/bt_server is not alive any more')
+    assert not [line for line in bench.logs if 'is late' in line.text]
+
+
+def test_the_level_that_a_console_starts_with_is_a_parameter(make_bench: Make) -> None:
+    assert make_bench(parameters=ExecutiveParameters(peers=(), autonomy=3)).status.autonomy == 3
+
+
 def asking() -> OperatableStateMachine:
     """Its state wants to be left at once, and the operator is asked."""
 
@@ -386,10 +405,13 @@ def test_wrong_parameters_are_refused_by_name(parameters: dict[str, Any], words:
 
 
 def test_parameters_are_described_and_have_their_defaults() -> None:
-    with NodeRuntime.open('executive', parameters={'peers': ['a', '']}) as runtime:
+    given = {'peers': ['a', ''], 'peer_timeout': 7.0, 'autonomy': 3}
+    with NodeRuntime.open('executive', parameters=given) as runtime:
         values = runtime.call(lambda: declare_parameters(runtime.node))
         own = f'{USER_DIRECTORY}/domain_{runtime.node.context.get_domain_id()}'  # two executives never share a file
-        assert values == ExecutiveParameters(peers=('a',), event_log_directory=own, machine_directory=f'{own}/machines')
+        assert values == ExecutiveParameters(
+            peers=('a',), peer_timeout=7.0, autonomy=3, event_log_directory=own, machine_directory=f'{own}/machines'
+        )
         for name in ('peers', 'pose_topic', 'heartbeat_period', 'autonomy'):
             descriptor = runtime.node.describe_parameter(name)
             assert descriptor.description

@@ -140,6 +140,21 @@ def test_a_behavior_of_two_states_is_run_confirmed_and_forced(make_bench: Make) 
     assert len(bench.structures) == 1
 
 
+def test_the_start_is_told_before_what_the_states_say(make_bench: Make) -> None:
+    class Telling(Step):
+        def on_start(self) -> None:
+            self.log_info('the state starts')
+
+        def on_enter(self, userdata: Any) -> None:
+            self.log_info('the state is entered')
+
+    bench = make_bench(single(lambda: Telling(execute=lambda _: 'done')))
+    bench.start()
+    bench.wait_idle()
+    told = [bench.logged(text).sequence for text in ("behavior 'Test' started", 'starts', 'is entered')]
+    assert told == sorted(told), bench.logs
+
+
 def test_every_status_is_numbered_and_names_its_run_after_the_structure(make_bench: Make) -> None:
     bench = make_bench(two_steps)
     for _ in range(3):

@@ -16,7 +16,7 @@ from rclpy.action import CancelResponse
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, ServiceLinks
-from flexbt_common.liveness import LivelinessToken
+from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry
 from flexbt_msgs.action import BtExecute
@@ -391,6 +391,28 @@ def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone
         go_on.set()
         wait_until(lambda: len(spin.goals) == 2, 'sent again')
     assert goal.result.code == Result.CANCELED and 'is gone' in goal.result.message
+
+
+def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
+    go_on, seen = threading.Event(), []
+    with open_world(peer_timeout=1.0) as world, NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+
+        def tell(alive: bool) -> None:
+            """A bit later than after the time that was set, and sooner than by default."""
+            if not alive:
+                seen.append(world.server.goals.owners.sees('/owner'))
+
+        watch = LivelinessWatch(world.server_runtime, 'owner', tell, timeout=2.0)
+        wait_until(lambda: watch.alive, 'the owner')
+        world.client.load_tree(COUNTING)
+        goal = world.client.execute(owner='/owner')
+        wait_until(lambda: goal.feedback, 'the tree')
+        owner.post(lambda: go_on.wait(DEADLINE))
+        assert goal.result.code == Result.CANCELED and 'late for too long' in goal.result.message
+        wait_until(lambda: seen, 'who waits longer')
+        go_on.set()
+    assert not any(seen)
 
 
 def leaf_of(world: World, node_id: str) -> Any:

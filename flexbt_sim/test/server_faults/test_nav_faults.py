@@ -12,7 +12,7 @@ import pytest
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
 
 from flexbt_common import names
-from flexbt_common.calls import GoalStatus
+from flexbt_common.calls import GoalStatus, goal_servers
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message
@@ -166,3 +166,28 @@ def test_a_goal_that_waits_for_the_pose_ends_with_its_owner() -> None:
 
         wait_until(owner_comes_and_ends, 'the end of the goal')
         assert names.BT_SERVER in aborted(goal, FollowPath.Result.UNKNOWN).error_msg
+
+
+def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
+    go_on, busy = threading.Event(), []
+    with (
+        open_probe() as probe,
+        open_navigation(peer_timeout=1.0) as navigation,
+        NodeRuntime.open(names.BT_SERVER) as owner,
+    ):
+        LivelinessToken(owner)
+
+        def tell(alive: bool) -> None:
+            """A bit later than after the time that was set, and sooner than by default."""
+            if not alive:
+                busy.append(goal_servers(navigation)[names.WAIT].busy)
+
+        watch = LivelinessWatch(navigation, names.BT_SERVER, tell, timeout=2.0)
+        wait_until(lambda: watch.alive, 'the owner')
+        goal = probe.send(names.WAIT, time=duration_message(100.0))
+        assert goal.accepted.wait(DEADLINE)
+        owner.post(lambda: go_on.wait(DEADLINE))
+        assert goal.wait().status is GoalStatus.ABORTED and 'late for too long' in goal.result.error_msg
+        wait_until(lambda: busy, 'who waits longer')
+        go_on.set()
+    assert not any(busy)
