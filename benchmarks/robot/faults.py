@@ -3,17 +3,18 @@
 
 Each trial drives the robot (behavior Navigate, real processes, the simulator at speed 1), waits for a random moment,
 and kills (kill -9) one process, or stops it (SIGSTOP) and lets it go on after 3 s, or has one of its threads hang for
-3 s, as by a callback that does not return, while all others go on. For each the table has the metres driven and the
-seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds after the
-process is back (a killed one is started again, as a launched system does).
+3 s (or for --seconds), as by a callback that does not return, while all others go on. For each the table has the metres
+driven and the seconds of the robot's clock until rest after the fault, and the state of the executive's run two seconds
+after the process is back (a killed one is started again, as a launched system does). With --stop-after, the operator
+stops the run so long after each fault, and the table has what has moved until these two seconds are over.
 
 With --floods, another process sends 5,000 messages or requests a second for 10 s, of one kind that the processes of the
 robot take: each topic, service and action with TEXT in its name. After 4 s the operator stops the run; the table has
 metres and seconds from that stop on, how much the processes have grown, s from the end of the flood until all is ready
 again and a command is answered, and what the operator was told.
 
-Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--of NAME ...] [--floods [TEXT ...]] [--seed N]
-                                 [--output FILE.json]
+Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--of NAME ...] [--seconds S] [--stop-after S]
+                                 [--floods [TEXT ...]] [--seed N] [--output FILE.json]
        (so many of each process, hangs of each thread; --of: only processes whose name contains one of NAME)
 """
 
@@ -78,6 +79,8 @@ def main() -> int:
     parser.add_argument('--stops', type=int, default=1, help='of each process')
     parser.add_argument('--hangs', type=int, default=1, help='of each thread')
     parser.add_argument('--of', nargs='+', metavar='NAME', default=[''])
+    parser.add_argument('--seconds', type=float, default=STOPPED_SECONDS, help='that a process is stopped, or hangs')
+    parser.add_argument('--stop-after', type=float, metavar='S', help='the operator stops the run then')
     parser.add_argument(
         '--floods',
         nargs='*',
@@ -87,9 +90,12 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
+    if options.stop_after is not None and not 0.0 <= options.stop_after < options.seconds:
+        parser.error(f'--stop-after {options.stop_after:g}: give less than the {options.seconds:g} s of the fault')
     chance = random.Random(options.seed)
+    drive = partial(trial, chance=chance, seconds=options.seconds, stop_after=options.stop_after)
     trials = [
-        (how == 'hang', partial(trial, how=how, name=name, thread=thread, chance=chance))
+        (how == 'hang', partial(drive, how=how, name=name, thread=thread))
         for how, count in (('kill', options.kills), ('stop', options.stops), ('hang', options.hangs))
         for name, threads in THREADS.items()
         if any(text in name for text in options.of)
@@ -126,26 +132,40 @@ def main() -> int:
     return 0 if all(row['seconds'] < REST_SECONDS and not row.get('wrong') for row in rows) else 1
 
 
-def trial(stack: Stack, probe: Probe, how: str, name: str, thread: str, chance: random.Random) -> dict[str, Any]:
-    """One drive with one fault: of a process, or of a thread of it."""
+def trial(
+    stack: Stack,
+    probe: Probe,
+    how: str,
+    name: str,
+    thread: str,
+    chance: random.Random,
+    seconds: float,
+    stop_after: float | None,
+) -> dict[str, Any]:
+    """One drive with one fault: of a process, or of a thread of it; the operator stops it meanwhile, or does not."""
     probe.drive_to(*chance.choice(PLACES))
     time.sleep(chance.uniform(0.0, 3.0))
     there = probe.pose
     if how == 'kill':
         stack.kill(name)
     elif how == 'hang':
-        stack.hold_up(name, THREADS[name][thread], STOPPED_SECONDS)
+        stack.hold_up(name, THREADS[name][thread], seconds)
     else:
         stack.send_signal(name, signal.SIGSTOP)
-    time.sleep(STOPPED_SECONDS)
+    if stop_after is not None:
+        time.sleep(stop_after)
+        probe.stop()
+    time.sleep(seconds - (stop_after or 0.0))
     rest, moved = probe.pose, probe.moved_stamp
-    assert there is not None and rest is not None
     if how == 'kill':
         stack.start(name)
         probe.wait(lambda: probe.peer_alive(name) is not False, f'{name} alive again')
     elif how == 'stop':
         stack.send_signal(name, signal.SIGCONT)
     time.sleep(2.0)
+    if stop_after is not None:
+        rest, moved = probe.pose, probe.moved_stamp
+    assert there is not None and rest is not None
     return {
         'fault': how,
         'process': f'{name} {thread}'.rstrip(),

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus
+from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
@@ -27,6 +28,8 @@ HOME = (0.8, 4.45)
 """Where the robot is when the simulation begins."""
 REST_SECONDS = 1.0
 """From a stop, or the hang of what drives the robot, to rest."""
+HANG_SECONDS = PEER_TIMEOUT + 1.0
+"""Longer than others wait for a process that hangs."""
 
 
 @pytest.fixture(scope='module')
@@ -88,6 +91,25 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
     probe.wait_at_rest()
     assert probe.moved_stamp == where, 'what was stopped moves again'
     probe.wait_ready()
+
+
+@pytest.mark.parametrize(
+    ('process', 'thread'), [('bt_server', 'executor'), ('onboard_executive', 'executor'), ('onboard_executive', 'run')]
+)
+def test_a_stop_while_one_thread_hangs(stack: Stack, probe: Probe, process: str, thread: str) -> None:
+    """For longer than others wait for its process: when it goes on, nothing of what was stopped does."""
+    watch = LivelinessWatch(probe.console, process)
+    held_up = stack.hold_up(process, THREADS[process][thread], HANG_SECONDS)
+    probe.wait(lambda: watch.late, f'{process} late')
+    probe.stop()
+    assert rest_after(probe, held_up) < REST_SECONDS
+    where = probe.moved_stamp
+    probe.wait(lambda: watch.ready, f'{process} as before')
+    probe.wait_state(ExecutiveStatus.IDLE)
+    assert probe.status.outcome == 'preempted'
+    probe.wait_at_rest()
+    assert probe.moved_stamp == where, 'what was stopped moves again'
+    watch.close()
 
 
 @pytest.mark.parametrize(
