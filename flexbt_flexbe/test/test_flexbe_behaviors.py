@@ -180,7 +180,7 @@ def test_a_value_that_is_meant_to_do_harm_is_refused_in_time(like: object, text:
     began = time.process_time()
     with pytest.raises(ParameterError) as caught:
         converted('places', text, like)
-    assert time.process_time() - began < 1.0
+    assert time.process_time() - began < 10.0
     assert len(str(caught.value)) < 1000
 
 

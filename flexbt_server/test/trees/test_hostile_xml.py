@@ -20,8 +20,8 @@ from flexbt_testing.nodes.server_world import World, open_world
 from flexbt_testing.waiting import wait_until
 
 Result = BtLoad.Result
-IN_TIME = 1.0
-"""Seconds of processor time: the machine may have other things to do."""
+IN_TIME = 10.0
+"""Seconds of processor time, some ten times what it takes: what is hostile would take minutes, or have no end."""
 MEMORY = 50e6
 
 
@@ -98,7 +98,7 @@ def test_what_looks_odd_but_is_fine_is_loaded(world: World, directory: Path, tmp
     file.write_bytes(ACCEPTED[name])
     began = time.process_time()
     result = world.client.load(str(file))
-    assert time.process_time() - began < 3.0
+    assert time.process_time() - began < IN_TIME
     assert result.code == Result.SUCCESS, result.message
     assert tool('check', str(file), '--ignore', 'never-written').code == 0
 

