@@ -42,15 +42,12 @@ class CommandBuilder:
     def command(self, view: View, kind: CommandKind) -> Command:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
 
-        A stop whose picture is not the present of one executive is for whatever runs: it must not miss.
-
         Raises:
             RefusedError: an observer gives no commands.
         """
         if self.operator is None:
             raise RefusedError(self._why)
-        is_sure = view.live and not view.problem
-        snapshot = view.snapshot if is_sure or kind is not CommandKind.STOP else None
+        snapshot = view.snapshot
         return Command(
             id=os.urandom(16).hex(),
             kind=kind,

@@ -7,9 +7,7 @@ import dataclasses
 import json
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -83,17 +81,6 @@ def test_every_command_names_operator_run_and_a_new_id(make: CommandBuilder) -> 
     ]
     assert {(command.operator, command.run_id) for command in commands} == {('ann', 'r1')}
     assert len({command.id for command in commands}) == len(commands)
-
-
-@pytest.mark.parametrize(
-    'unsure', [{'link': LinkState.STALE}, {'link': LinkState.LOST}, {'problem': '2 executives publish'}]
-)
-def test_a_stop_is_for_whatever_runs_where_the_picture_may_be_wrong(
-    make: CommandBuilder, unsure: dict[str, Any]
-) -> None:
-    stop = make.command(replace(view(), **unsure), CommandKind.STOP)
-    assert (stop.executive_id, stop.run_id) == ('', '')
-    assert make.command(replace(view(), **unsure), CommandKind.PAUSE).run_id == 'r1'
 
 
 def test_confirm_takes_the_only_decision_and_lists_several(make: CommandBuilder) -> None:
@@ -248,7 +235,7 @@ def test_a_places_file_that_is_meant_to_do_harm_is_refused_in_time(tmp_path: Pat
     began = time.process_time()
     with pytest.raises(UsageError, match=r'places\.yaml') as caught:
         load_places(file)
-    assert time.process_time() - began < 10.0
+    assert time.process_time() - began < 1.0
     assert len(str(caught.value)) < 1000
 
 

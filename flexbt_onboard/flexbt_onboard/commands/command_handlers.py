@@ -129,7 +129,7 @@ def _at_path(send: Callable[[MachineRun, str, Answer], None]) -> Callable[[Given
 COMMANDS: Final = (
     Command('START', _start, NeededRun.NONE),
     # Whoever sees that something goes wrong has to be able to stop it.
-    Command('STOP', _stop, NeededRun.IF_NAMED, needs_authority=False, follows_run=True, for_anybody=True),
+    Command('STOP', _stop, NeededRun.IF_ANY, needs_authority=False, follows_run=True, for_anybody=True),
     Command('AUTONOMY', _autonomy, NeededRun.ANY),
     Command('CONFIRM', _confirm, fields=['decision_id']),
     Command('FORCE', _force, fields=['path', 'outcome']),

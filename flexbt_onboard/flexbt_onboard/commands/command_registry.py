@@ -36,7 +36,7 @@ class NeededRun(Enum):
 
     NONE = 'none'
     ANY = 'the run that goes on; none while idle'
-    IF_NAMED = 'the run that goes on, or none, which means whatever goes on'
+    IF_ANY = 'the run that goes on, if there is one'
     RUNNING = 'the run that goes on, when it is running or paused'
     SHOWN = 'the run that the status shows, also when it has ended'
     INTERRUPTED = 'the run that was interrupted'
@@ -165,8 +165,8 @@ def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
         _check_going_on(runs, command)
 
 
-def _check_if_named(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    if command.run_id and runs.run is not None:
+def _check_if_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
+    if runs.run is not None:
         _check_going_on(runs, command)
 
 
@@ -207,7 +207,7 @@ def _check_interrupted(runs: RunSupervisor, command: ExecutiveCommand) -> None:
 _CHECKS: Final[Mapping[NeededRun, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
     NeededRun.NONE: _check_none,
     NeededRun.ANY: _check_any,
-    NeededRun.IF_NAMED: _check_if_named,
+    NeededRun.IF_ANY: _check_if_any,
     NeededRun.RUNNING: _check_running,
     NeededRun.SHOWN: _check_shown,
     NeededRun.INTERRUPTED: _check_interrupted,
