@@ -20,7 +20,6 @@ from flexbt_demo_behaviors.demonstration import (
     process_group,
     run_demonstration,
 )
-from flexbt_testing.waiting import wait_until
 
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
@@ -35,8 +34,11 @@ STUBBORN = [
 ]
 
 
-def wait_for_text(file: Path, text: str) -> None:
-    wait_until(lambda: file.exists() and text in file.read_text(), f'{text!r} in {file}')
+def wait_for_text(file: Path, text: str, timeout: float = 60.0) -> None:
+    deadline = time.monotonic() + timeout
+    while not (file.exists() and text in file.read_text()):
+        assert time.monotonic() < deadline, f'{text!r} never came in {file}'
+        time.sleep(0.01)
 
 
 def is_running(pid: int) -> bool:
@@ -156,4 +158,7 @@ def test_processes_do_not_outlive_a_demonstration_that_is_killed(tmp_path: Path)
         pid = int(parent.stdout.readline())
         wait_for_text(tmp_path / 'sleeper.log', 'up')
         os.kill(parent.pid, signal.SIGKILL)
-    wait_until(lambda: not is_running(pid), 'the end of a process whose demonstration has ended')
+    deadline = time.monotonic() + 60
+    while is_running(pid):
+        assert time.monotonic() < deadline, 'the process outlived its demonstration'
+        time.sleep(0.01)
