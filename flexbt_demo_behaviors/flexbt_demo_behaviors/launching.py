@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument
@@ -18,6 +18,9 @@ from launch_ros.actions import Node
 from flexbt_core.values import shown
 
 from .demonstration import ParameterValue, Process
+
+RESPAWN: Final[Mapping[str, Any]] = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 5}
+"""Options of `launch_ros.actions.Node`: a node that died is started again after a second, but not for ever."""
 
 
 def speed_argument() -> DeclareLaunchArgument:
@@ -50,14 +53,16 @@ def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float
 def nodes_of(
     processes: Iterable[Process], parameters: Mapping[str, ParameterValue] | None = None, **options: Any
 ) -> list[Node]:
-    """The nodes of a process table, all of them with further parameters, and options of `launch_ros.actions.Node`."""
+    """The nodes of a process table, all of them with further parameters, and options of `launch_ros.actions.Node`:
+    without others, those of :data:`RESPAWN`.
+    """
     return [
         Node(
             package=process.package,
             executable=process.executable,
             parameters=[{**process.parameters, **(parameters or {})}],
             output='screen',
-            **{'namespace': process.namespace, **options},
+            **{'namespace': process.namespace, **RESPAWN, **options},
         )
         for process in processes
     ]

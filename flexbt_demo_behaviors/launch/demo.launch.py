@@ -22,9 +22,6 @@ def nodes(context: LaunchContext) -> list[Node]:
         demo_processes(DemoSettings(map=map, places=places or ('' if map else built_in_places()), speed=speed)),
         {'autostart': text(context, 'autostart').lower() == 'true'},
         namespace=LaunchConfiguration('namespace'),
-        respawn=True,  # one that died; not for ever
-        respawn_delay=1.0,
-        respawn_max_retries=5,
     )
 
 

@@ -21,6 +21,9 @@ from flexbt_demo_behaviors.demonstration import (
     run_demonstration,
 )
 
+DEADLINE = 60.0
+"""Seconds of wall time, on a busy machine too."""
+
 # Whoever is started in the background inherits that SIGINT is ignored.
 SLEEPER = [
     sys.executable,
@@ -57,7 +60,7 @@ def test_every_process_is_ended_soon_also_one_that_ignores_the_signal(tmp_path: 
         pids = [group.pid('sleeper'), group.pid('stubborn')]
         before = time.monotonic()
         assert group.end() == ['stubborn']
-        assert time.monotonic() - before < 20.0  # they would last for ever; a busy machine takes its time
+        assert time.monotonic() - before < DEADLINE  # they would last for ever
     assert not any(is_running(pid) for pid in pids)
     assert ended == []
 
@@ -113,6 +116,25 @@ def test_a_process_that_dies_is_started_again_but_not_for_ever(tmp_path: Path, m
     assert [life.is_respawned for life in lives] == [True] * process_group.RESPAWNS + [False]
     assert 'started again' in lives[0].report() and 'started again' not in lives[-1].report()
     assert (tmp_path / 'unlucky.log').read_text().count('a life') == len(lives)
+
+
+def test_a_process_that_is_killed_on_purpose_is_not_started_again_nor_told(tmp_path: Path) -> None:
+    ended: queue.Queue[EndedProcess] = queue.Queue()
+    with ProcessGroup(tmp_path) as group:
+        group.watch(ended.put)
+        for name in ('lost', 'unlucky'):
+            group.start(name, SLEEPER, respawn=True)
+            wait_for_text(tmp_path / f'{name}.log', 'up')
+        lost, unlucky = group.pid('lost'), group.pid('unlucky')
+        group.kill('lost')
+        os.kill(unlucky, signal.SIGKILL)
+        assert ended.get(timeout=DEADLINE).name == 'unlucky'
+        group.kill('unlucky')  # before its next life, or in it
+        for watcher in group._watchers:
+            watcher.join(DEADLINE)
+            assert not watcher.is_alive()
+        assert group.pid('lost') == lost and not any(map(is_running, (lost, group.pid('unlucky'))))
+    assert ended.empty()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,10 @@ from flexbt_demo_nav2_robot.demonstration import PROGRAM, robot_processes
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """The nodes of the process table, for the arguments of this launch; the program names its node itself."""
+    """The nodes of the process table, for the arguments of this launch.
+
+    The program names its node itself, and is not started again: its end is that of its work.
+    """
     robot = nodes_of(robot_processes(*numbers(context, 'speed')))
     return [*robot, Node(package=PROGRAM.package, executable=PROGRAM.executable, output='screen')]
 

@@ -3,8 +3,13 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from pathlib import Path
+
+import pytest
+
+from flexbt_flexbe import shim
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'how_to' / 'coming_from_flexbe.md').read_text(encoding='utf-8')
@@ -30,3 +35,24 @@ def test_the_commands_are_the_consoles() -> None:
     section = PAGE[PAGE.index('### Commands of the operator') : PAGE.index('## What is the same')]
     used = {word for row in section.splitlines() for word in re.findall(r'`(\w+)[^`]*`', row.rpartition(' | ')[2])}
     assert used and used - known == {'console'} & used
+
+
+def test_what_is_not_here_is_not_and_its_import_names_it() -> None:
+    section = PAGE[PAGE.index('## What is not here') : PAGE.index('## The other way round')]
+    offered, mixins, members = (
+        re.findall(r'`([^`]+)`', part)
+        for part in re.split(
+            'The classes that these derive from|Neither are the ways into', section[section.index('Of `') :]
+        )
+    )
+    members = members[: members.index('get_deep_state') + 1]
+    assert 'EventState' in offered and 'RosStateMachine' in mixins and "sm['label']" in members
+    shim.install()
+    core = importlib.import_module('flexbe_core.core')
+    assert offered[0] == 'flexbe_core.core' and [name for name in offered[1:] if not hasattr(core, name)] == []
+    for name in set(mixins) - set(offered):
+        with pytest.raises(ImportError, match=rf"cannot import name '{name}'"):
+            exec(f'from flexbe_core.core import {name}')  # noqa: S102 - as code for FlexBE has it
+    with core.OperatableStateMachine(outcomes=['done']) as machine, pytest.raises(TypeError, match='not subscriptable'):
+        machine['label']
+    assert [name for name in members if hasattr(machine, name)] == []

@@ -419,7 +419,7 @@ def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerL
         assert accepted.wait(DEADLINE)
         child.send_signal(how)
         child.wait(DEADLINE)
-        assert done.event.wait(30.0), 'the death was not noticed'
+        assert done.event.wait(DEADLINE), 'the death was not noticed'
         outcome = done.wait()
         assert outcome.status is GoalStatus.LOST
         assert outcome.result is None

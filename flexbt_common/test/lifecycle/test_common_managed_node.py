@@ -30,7 +30,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtLoad
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 def speed(node: Node) -> float:
@@ -238,14 +238,14 @@ def test_the_node_answers_while_a_transition_waits_for_its_executor() -> None:
         assert bench.client.change('configure') and bench.client.change('activate')
         bench.hold = threading.Event()
         answer = bench.client.begin('deactivate')
-        assert bench.hold.wait(10.0)
+        assert bench.hold.wait(DEADLINE)
         assert bench.client.state() == 'deactivating'
         later = bench.client.begin('cleanup')  # after the one that goes on
         assert not answer.done()
         bench.hold = None
         bench.on_rest()
-        assert answer.result(10.0)
-        assert later.result(10.0)
+        assert answer.result(DEADLINE)
+        assert later.result(DEADLINE)
         assert bench.client.state() == 'unconfigured'
 
 

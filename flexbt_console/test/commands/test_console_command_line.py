@@ -16,6 +16,8 @@ from flexbt_console.commands import (
     find,
     overview,
     parse,
+    prompt_command_help,
+    prompt_help,
 )
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror import NOTE_LENGTH, AutonomyLevel, CommandKind
@@ -28,15 +30,32 @@ def test_every_command_has_a_name_of_its_own_and_every_kind_is_sent_by_one() -> 
     assert sent == set(CommandKind)
 
 
+def in_one_line(text: str) -> str:
+    """Text as it was before it was broken into lines."""
+    return ' '.join(text.split())
+
+
 def test_the_help_has_every_command_option_and_exit_code_in_80_columns() -> None:
     text = overview()
     for spec in COMMANDS:
-        assert f'  {spec.name} ' in text
+        assert f'  {spec.name} ' in text and spec.summary in in_one_line(text)
         helped = command_help(spec)
-        assert all(option.name in helped for option in spec.options)
+        told = {told for option in spec.options for told in (option.name, option.help)} | {spec.summary}
+        assert [part for part in told if part not in in_one_line(helped)] == []
     for code in ExitCode:
         assert f'  {code.value} ' in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_help_of_the_prompt_tells_what_each_command_and_option_does_in_80_columns() -> None:
+    overview_lines = prompt_help('the robot goes on')
+    for spec in (spec for spec in COMMANDS if spec.in_prompt):
+        assert spec.summary in in_one_line('\n'.join(overview_lines)), spec.name
+        helped = prompt_command_help(spec)
+        told = [spec.summary, *spec.details, *(option.help for option in spec.options if option.in_prompt)]
+        assert [part for part in told if in_one_line(part) not in in_one_line('\n'.join(helped))] == [], spec.name
+        assert max(map(len, [*overview_lines, *helped])) <= 80
+    assert 'as Ctrl-D does: the robot goes on' in in_one_line('\n'.join(overview_lines))
 
 
 @pytest.mark.parametrize(
@@ -46,6 +65,7 @@ def test_the_help_has_every_command_option_and_exit_code_in_80_columns() -> None
         ('start Drive a=1 --autonomy 2 b=x --json', ('Drive', 'a=1', 'b=x'), {'--autonomy': ['2'], '--json': []}),
         ('--json --timeout=2 confirm d1', ('d1',), {'--json': [], '--timeout': ['2']}),
         ('input -- --odd', ('--odd',), {}),
+        ('start Navigate Split a=1', ('Navigate Split', 'a=1'), {}),
         ('start D --input a=int:1 --input b=int:2', ('D',), {'--input': ['a=int:1', 'b=int:2']}),
     ],
 )

@@ -472,6 +472,29 @@ def test_keys_typed_at_once_behind_the_colon_are_for_the_line() -> None:
     on_screen(robot, type_quickly)
 
 
+def test_ctrl_c_gives_up_what_was_typed_and_ctrl_q_leaves_as_q_does() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def press(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        def told(text: str) -> int:
+            return sum(text in line for _, line in app._told)
+
+        line = app.query_one('#line', Input)
+        for count, begun in enumerate(((), (*':stop',), ('g',), ('q',)), 1):
+            await pilot.press(*begun, 'ctrl+c')
+            await seen(robot, pilot)
+            assert not line.has_class('typing') and told('Ctrl-C') == count
+            assert '"q" leaves: stays. "!" or F8 stops the robot.' in text_of(app)
+        for begun, count in ((), 2), ((*':x',), 2), (('escape', 'w'), 2), (('escape',), 3):
+            await pilot.press(*begun, 'ctrl+q', 'ctrl+c')  # what runs is not left by one key, nor out of what is open
+            assert app._exit is False and told('q again leaves: stays; Esc stays') == count
+        await pilot.press('ctrl+q', 'ctrl+q')
+        assert app._exit is True and robot.link.sent == []
+
+    on_screen(robot, press)
+
+
 def test_keys_typed_at_once_are_for_the_form_that_they_open() -> None:
     robot = Robot()
     robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')

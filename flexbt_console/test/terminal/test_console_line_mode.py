@@ -156,7 +156,7 @@ def test_what_the_middleware_prints_is_no_part_of_an_answer(tmp_path: Path, monk
 def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) -> None:
     with start('watch', '--json', '--namespace', NAMESPACE) as watching:
         assert watching.stdout is not None and watching.stderr is not None
-        deadline = threading.Timer(30.0, watching.kill)
+        deadline = threading.Timer(DEADLINE, watching.kill)
         deadline.start()
         first = json.loads(watching.stdout.readline())
         assert first['event'] == 'link'

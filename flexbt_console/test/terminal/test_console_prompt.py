@@ -42,6 +42,7 @@ from flexbt_console.ui.interaction import Bound, Local, ShownDecision, interpret
 from flexbt_console.ui.prompt import Prompt, toolbar
 from flexbt_console.ui.prompt.terminal import MOST_TYPED, Typed
 from flexbt_core.clock import ManualClock
+from flexbt_testing.waiting import DEADLINE
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
 ANOTHER = dataclasses.replace(TRANSITION, id='t2', path='/Other')
@@ -292,7 +293,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
             keys.send_text('\x03\x04')
             await running
 
-    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert [entry.kind for entry in link.sent] == [CommandKind.ANSWER, CommandKind.CONFIRM, CommandKind.STOP]
     assert [entry.decision_id for entry in link.sent] == ['i1', 't1', '']
     waits = [(entry.wait_queue, entry.wait_interaction) for entry in link.sent]
@@ -360,7 +361,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
             keys.send_text('quit\r')
             await running
 
-    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert [entry.autonomy for entry in link.sent] == [3, 3]
 
 
@@ -384,5 +385,5 @@ def test_quitting_sends_nothing(keys_to_quit: str) -> None:
             keys.send_text(keys_to_quit)
             await prompt.run()
 
-    asyncio.run(asyncio.wait_for(operate(), 20.0))
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert link.sent == []

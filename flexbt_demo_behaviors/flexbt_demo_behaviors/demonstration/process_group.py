@@ -63,6 +63,7 @@ class ProcessGroup:
     _watchers: list[threading.Thread] = field(default_factory=list)
     _ending: threading.Event = field(default_factory=threading.Event)
     _ended: list[EndedProcess] = field(default_factory=list)
+    _killed: set[str] = field(default_factory=set)
     _listener: Callable[[EndedProcess], None] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -126,6 +127,13 @@ class ProcessGroup:
         """The process id of the process that was started last under `name`."""
         return self._processes[name].pid
 
+    def kill(self, *names: str) -> None:
+        """Kill processes, as when their computer loses its power: they are not started again, and nobody is told."""
+        with self._lock:
+            self._killed.update(names)
+            for name in names:
+                _signal(self._processes[name], signal.SIGKILL)
+
     def end(self) -> list[str]:
         """End every process: SIGINT, and SIGKILL for those that do not obey in time. Gives the names of the
         latter.
@@ -154,7 +162,7 @@ class ProcessGroup:
         while True:
             exit_code = self._processes[name].wait()
             with self._lock:
-                if self._ending.is_set():
+                if self._ending.is_set() or name in self._killed:
                     return
                 now = time.monotonic()
                 respawns = [then for then in respawns if now - then < RESPAWN_WINDOW_S]
@@ -167,7 +175,7 @@ class ProcessGroup:
             if launch is None or not is_respawned or self._ending.wait(RESPAWN_DELAY_S):
                 return
             with self._lock:
-                if self._ending.is_set():
+                if self._ending.is_set() or name in self._killed:
                     return
                 respawns.append(now)
                 self._processes[name] = launch()

@@ -49,7 +49,7 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
     timeline = Timeline()
     timeline.tell('demo', f'starts its processes in ROS domain {domain}, at speed factor {options.speed:g}')
     for process in robot_processes(options.speed):
-        group.start(process.name, process.command())
+        group.start(process.name, process.command(), respawn=True)
     with join_robot('operator', timeline, is_on_call=True) as session:
         group.watch(lambda ended: session.operator.abandon(ended.report()))
         session.operator.wait_ready(PEERS, timeout=READY_TIMEOUT_S)

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import signal
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.mirror import AutonomyLevel
@@ -34,13 +32,12 @@ ROUNDS: Mapping[str, Mapping[str, str]] = {
 
 @dataclass
 class Watch:
-    """A ready night watch. `lost` are the processes of robots that were lost."""
+    """A ready night watch."""
 
     group: ProcessGroup
     building: Building
     sessions: Mapping[str, Session]
     timeline: Timeline
-    lost: set[str] = field(default_factory=set)
 
     def operator(self, robot: str) -> ScriptedOperator:
         """The operator at the link of a robot."""
@@ -57,11 +54,8 @@ class Watch:
 
     def lose(self, robot: str) -> None:
         """Let the computer of a robot die at once, with all that runs on it."""
-        processes = [log_name(process) for process in robot_processes(robot)]
-        self.lost.update(processes)
         self.timeline.tell('building', f'{robot} is lost')
-        for name in processes:
-            os.kill(self.group.pid(name), signal.SIGKILL)
+        self.group.kill(*(log_name(process) for process in robot_processes(robot)))
 
     def notify(self) -> None:
         """Have the operators look again at what they wait for."""
@@ -69,9 +63,7 @@ class Watch:
             session.operator.notify()
 
     def on_end(self, ended: EndedProcess) -> None:
-        """A process has ended untold: nothing will come any more, unless its robot was lost."""
-        if ended.name in self.lost:
-            return
+        """A process has ended untold: who follows a script waits for nothing any more."""
         for session in self.sessions.values():
             session.operator.abandon(ended.report())
 
@@ -83,7 +75,7 @@ def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterato
     Raises DemoError when they are not ready in time, or when one of the processes dies meanwhile.
     """
     for process in watch_processes(speed):
-        group.start(log_name(process), process.command())
+        group.start(log_name(process), process.command(), respawn=True)
     with contextlib.ExitStack() as stack:
         runtime = stack.enter_context(NodeRuntime.open('night_watch'))
         sessions = {

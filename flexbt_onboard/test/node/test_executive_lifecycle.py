@@ -30,7 +30,7 @@ from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.pytest_plugin import entities_of
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 START = ExecutiveCommand.START
 INACTIVE = 'the executive is inactive; activate it (ros2 lifecycle set /onboard_executive activate)'
@@ -168,7 +168,7 @@ def test_a_transition_waits_for_the_robot_and_the_operator_sees_it(bench: Manage
     assert bench.refused(START, behavior='Test') == INACTIVE
     assert not done.done()
     Hold.rest.set()
-    assert done.result(10.0)
+    assert done.result(DEADLINE)
     bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE, 'idle')
 
 

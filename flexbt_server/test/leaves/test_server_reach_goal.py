@@ -36,14 +36,13 @@ from flexbt_server.groot2 import read_log
 from flexbt_server.leaves import ReachGoal
 from flexbt_server.trees import TreeStore
 from flexbt_testing.nodes.server_world import open_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 RUNNING, SUCCESS, FAILURE = NodeStatus.RUNNING, NodeStatus.SUCCESS, NodeStatus.FAILURE
 GUIDE = Path(__file__).parents[3] / 'docs' / 'how_to' / 'goals.md'
 SKILLS, MISSION, _, _ = re.findall(r'```yaml\n(.*?)```', GUIDE.read_text(), re.S)
 FORESEEN = MISSION
 UNFORESEEN = MISSION.split('disturbances:')[0]
-DEADLINE = 30.0
 
 
 @dataclass

@@ -368,7 +368,7 @@ class OperatorScreen(App[None]):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a key does that now; what is typed into a line or an open list is for these."""
-        if action not in ('press', 'pick', 'replay', 'cursor', 'leave_mode', 'slash', 'complete', 'enter_line'):
+        if action not in ('press', 'pick', 'replay', 'cursor', 'quit', 'leave_mode', 'slash', 'complete', 'enter_line'):
             return super().check_action(action, parameters)
         if len(self.screen_stack) > 1:
             return isinstance(self.screen, Overview) and parameters == ('stop',)
@@ -461,6 +461,17 @@ class OperatorScreen(App[None]):
         self._is_quitting = False
         self._close_line()
         self.draw()
+
+    @_guarded
+    def action_help_quit(self) -> None:
+        """Ctrl-C, which leaves nothing but what was begun: whoever wants to leave is told how."""
+        self.action_leave_mode()
+        stop = '' if self._replay else ' "!" or F8 stops the robot.'
+        self._warn(f'Ctrl-C gives up what was typed. "q" leaves: {self._leaving}.{stop}')
+
+    async def action_quit(self) -> None:
+        """Ctrl-Q, by which Textual ends a program at once, is as "q", which asks again while a behavior runs."""
+        self.action_press('leave')
 
     @_guarded
     def do(self, text: str) -> None:

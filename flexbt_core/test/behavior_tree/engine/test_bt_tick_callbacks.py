@@ -26,6 +26,7 @@ from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.scripted_nodes import Act, Cond, Deco, Run, Script, Sync, registry
 from flexbt_testing.random_trees.basic import make_case
+from flexbt_testing.waiting import DEADLINE
 
 S, F, R, K, I = (  # noqa: E741
     NodeStatus.SUCCESS,
@@ -266,7 +267,7 @@ def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
     thread.start()
     assert arrived.wait(60.0)
     tree.callbacks.release()
-    thread.join(20.0)
+    thread.join(DEADLINE)
     assert len(raised) == 1
     assert [event[1] for event in events if event[0] == 'call'] == ['a']
     tree.halt()

@@ -24,6 +24,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine.tick_control import MOST_WAITING
 from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
+from flexbt_testing.waiting import DEADLINE
 
 PAUSE, RESUME, STEP = TickCommand.PAUSE, TickCommand.RESUME, TickCommand.STEP
 
@@ -267,12 +268,12 @@ def test_many_threads_step_a_tree_and_each_step_is_one_tick() -> None:
     for stepper in steppers:
         stepper.start()
     for stepper in steppers:
-        stepper.join(20.0)
+        stepper.join(DEADLINE)
     assert refusals == [''] * 200
     assert services['ticks'] == before + 200
     services['gives'] = NodeStatus.SUCCESS
     assert ask(STEP) == ''
-    thread.join(20.0)
+    thread.join(DEADLINE)
     assert not thread.is_alive()
     assert ask(RESUME) == 'the tree has ended'
     clock.close()

@@ -18,6 +18,7 @@ from flexbt_core.state_machine import (
     define,
 )
 from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_testing.waiting import DEADLINE
 
 END = {'done': 'ended'}
 
@@ -204,9 +205,9 @@ def test_without_an_open_machine_nothing_can_be_added() -> None:
 def test_machines_are_built_in_threads_at_the_same_time() -> None:
     def build(number: int) -> None:
         with made[number]:
-            barrier.wait(10.0)
+            barrier.wait(DEADLINE)
             OperatableStateMachine.add(f'S{number}', Scripted(), END)
-            barrier.wait(10.0)
+            barrier.wait(DEADLINE)
 
     made = [OperatableStateMachine(outcomes=['ended']) for _ in range(2)]
     barrier = threading.Barrier(2)
@@ -214,7 +215,7 @@ def test_machines_are_built_in_threads_at_the_same_time() -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(10.0)
+        thread.join(DEADLINE)
     assert [[child.label for child in one.children] for one in made] == [['S0'], ['S1']]
 
 

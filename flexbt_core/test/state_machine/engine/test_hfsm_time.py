@@ -11,6 +11,7 @@ import pytest
 from flexbt_core.clock import ManualClock, SteadyClock, WakeEvent
 from flexbt_core.state_machine import Autonomy, Child, EventState, MachineRun, StateError, define
 from flexbt_testing.state_machines import Bench, Do, Scripted, machine, nested
+from flexbt_testing.waiting import DEADLINE
 
 
 def times_into(seen: list[float]) -> Do:
@@ -170,17 +171,17 @@ def test_news_from_other_threads_are_never_lost() -> None:
 
     def tell() -> None:
         for state, event in zip(states, entered, strict=True):
-            assert event.wait(10.0)
+            assert event.wait(DEADLINE)
             state.end('done')
 
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
     run.start()
-    limit = clock.call_at(clock.now() + 20.0, run.preempt)
+    limit = clock.call_at(clock.now() + 2 * DEADLINE, run.preempt)
     while run.step():
         wake_event.wait(clock, run.next_wake)
     limit.cancel()
-    teller.join(10.0)
+    teller.join(DEADLINE)
     clock.close()
     assert run.outcome == 'ended'
 

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a launch file or a demonstration starts is started again when it dies, but not for ever; a script tells it."""
+
+from __future__ import annotations
+
+import importlib.util
+import runpy
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from flexbt_demo_behaviors.demonstration import (
+    DemoError,
+    DemoSettings,
+    EndedProcess,
+    Process,
+    ProcessGroup,
+    RunOptions,
+    Timeline,
+)
+from flexbt_demo_behaviors.demonstration.session import open_session
+from flexbt_demo_goals.demonstration import main as goals
+from flexbt_demo_nav2_robot.demonstration import PROGRAM
+from flexbt_demo_nav2_robot.demonstration import main as nav2_robot
+from flexbt_demo_night_watch.demonstration import open_watch
+
+LAUNCH_FILES = sorted(Path(__file__).parents[3].glob('flexbt_*/launch/*.launch.py'))
+
+
+class Described:
+    """Notes what a launch file gives to one of the classes of `launch`, which no wheel has."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        self.given, self.options = given, options
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        """The value of an argument of the launch file."""
+        return context[self.given[0]]
+
+
+class Argument(Described):
+    """An argument of a launch file."""
+
+
+class Function(Described):
+    """Gives actions for the arguments."""
+
+
+class Node(Described):
+    """A node that is to be started."""
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What launch files import, whether there is an installation or not."""
+    contents: Mapping[str, Mapping[str, type]] = {
+        'launch': {'LaunchContext': dict, 'LaunchDescription': Described},
+        'launch.actions': {'DeclareLaunchArgument': Argument, 'OpaqueFunction': Function},
+        'launch.substitutions': {'LaunchConfiguration': Described},
+        'launch_ros': {},
+        'launch_ros.actions': {'Node': Node},
+    }
+    for name, classes in contents.items():
+        module = ModuleType(name)
+        vars(module).update(classes)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.find_spec('flexbt_demo_behaviors.launching')
+    assert spec is not None and spec.loader is not None
+    launching = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, launching)
+    spec.loader.exec_module(launching)
+
+
+@pytest.mark.usefixtures('launch')
+@pytest.mark.parametrize('file', LAUNCH_FILES, ids=lambda file: file.name)
+def test_every_node_of_a_launch_file_is_there_and_is_started_again_but_the_program_that_ends(file: Path) -> None:
+    (actions,) = runpy.run_path(str(file))['generate_launch_description']().given
+    context = {action.given[0]: action.options['default_value'] for action in actions if isinstance(action, Argument)}
+    nodes = [action for action in actions if isinstance(action, Node)]
+    for action in actions:
+        if isinstance(action, Function):
+            nodes += action.options['function'](context)
+    assert len(nodes) >= 3
+    for node in nodes:
+        process = Process(node.options['package'], node.options['executable'])
+        assert Path(process.command()[0]).is_file()
+        limits = node.options.get('respawn_delay', 0.0) > 0.0 and node.options.get('respawn_max_retries', -1) > 0
+        is_program = (process.package, process.executable) == (PROGRAM.package, PROGRAM.executable)
+        assert (node.options.get('respawn', False), limits) == (not is_program, not is_program), process
+
+
+@dataclass
+class Dying(ProcessGroup):
+    """Starts nothing, notes what should be started again, and tells that the first has died."""
+
+    started: dict[str, bool] = field(default_factory=dict)
+
+    def start(
+        self, name: str, command: Sequence[str], environment: Mapping[str, str] | None = None, respawn: bool = False
+    ) -> None:
+        self.started[name] = respawn
+
+    def watch(self, listener: Callable[[EndedProcess], None]) -> None:
+        name, respawn = next(iter(self.started.items()))
+        listener(EndedProcess(name, -9, self.log_directory / f'{name}.log', respawn))
+
+
+def begin_demonstration(group: ProcessGroup, options: RunOptions) -> None:
+    with open_session(group, DemoSettings(), 'script', Timeline()):
+        pass
+
+
+def begin_watch(group: ProcessGroup, options: RunOptions) -> None:
+    with open_watch(group, 1.0, Timeline()):
+        pass
+
+
+@pytest.mark.parametrize(
+    ('begin', 'count'),
+    [
+        (begin_demonstration, 4),
+        (begin_watch, 7),
+        (lambda group, options: nav2_robot._run(options, group, 0), 3),
+        (lambda group, options: goals._run(options, group, 0), 3),
+    ],
+    ids=['demo', 'night_watch', 'nav2_robot', 'goals'],
+)
+def test_each_process_of_a_demonstration_is_started_again_and_its_script_tells_that_it_has_died(
+    begin: Callable[[ProcessGroup, RunOptions], None], count: int, tmp_path: Path
+) -> None:
+    group = Dying(tmp_path)
+    with group, pytest.raises(DemoError, match=r'process \w+ ended with signal 9; it is started'):
+        begin(group, RunOptions(interactive=False, speed=1.0, output=tmp_path))
+    assert list(group.started.values()) == [True] * count
