@@ -20,7 +20,7 @@ from flexbt_msgs.srv import SetFault
 from flexbt_sim.ros_messages import pose_of, transform
 from flexbt_sim.world import Pose
 from flexbt_testing.nodes.sim_world import FAST, RobotProbe, aborted, line, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 WORLD = """
 plan:
@@ -167,7 +167,7 @@ def test_a_path_whose_frame_is_not_told_any_more_is_left(world: RobotProbe) -> N
 def test_a_path_that_waits_for_its_frame_does_not_take_the_robot_from_a_newer_one(world: RobotProbe) -> None:
     world.place(HERE)
     waiting = world.follow(line((0.0, 0.0), (3.0, 0.0), 'shelf'))
-    assert waiting.accepted.wait(30.0)
+    assert waiting.accepted.wait(DEADLINE)
     newer = world.follow(line(HERE, (12.0, 4.0)))
     world.wait_driving()
     node = world.runtime.node

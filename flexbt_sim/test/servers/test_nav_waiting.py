@@ -30,7 +30,7 @@ from flexbt_sim.server_common.costmap_server import CostmapServer
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line, open_world, pose, without_faults
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import DEADLINE, uncontended_time
 
 
 @pytest.fixture(scope='module')
@@ -172,4 +172,4 @@ def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(mo
             robot.when_known(Mock(spec=ServedGoal), went_on.set)  # there is no map
 
         runtime.call(come_and_go)
-        assert went_on.wait(30.0)
+        assert went_on.wait(DEADLINE)

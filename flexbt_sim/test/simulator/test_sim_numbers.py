@@ -27,7 +27,7 @@ from flexbt_sim.simulator import built_in_map
 from flexbt_sim.world import load_map
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import ACTIONS, DOCK, OFFICE, RobotProbe, line, open_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e308, -1e19, 1e9, 5e-324)
 
@@ -80,8 +80,8 @@ def goes_on(world: RobotProbe) -> None:
 def test_goals(world: RobotProbe, action: str) -> None:
     world.place(DOCK)
     for what, goal in hostile(ACTIONS[action].Goal(**copy.deepcopy(GOALS[action]))):
-        sent = SentGoal(world.links.link(ACTIONS[action], action), goal, 20.0)
-        assert sent.accepted.wait(20.0)
+        sent = SentGoal(world.links.link(ACTIONS[action], action), goal, DEADLINE)
+        assert sent.accepted.wait(DEADLINE)
         until = world.now.time + 1.0
         wait_until(lambda: sent.ended or world.now.time > until, f'{action} {what}')  # noqa: B023
         sent.cancel()
