@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, writer_name
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.mirror import (
@@ -71,6 +71,15 @@ MESSAGE_BYTES: Final = 16_000_000
 
 PONG_BYTES: Final = 1_000
 
+STATUS_RATE: Final = 100.0
+"""Statuses a second that are taken from one participant on average: five times what an executive sends."""
+
+STATUS_BURST: Final = 200
+"""Statuses that are taken from one participant at once after a quiet time."""
+
+STATUS_DEPTH: Final = 100
+"""Statuses that wait to be taken, from all participants: a flood must not drive the executive's own out."""
+
 TELL_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
 
@@ -108,7 +117,9 @@ class OperatorLink:
             lambda participant: bool(writer_name(runtime.node, self._status_topic, participant)),
             mirror.is_silent,
             runtime.steady.now,
+            mirror.sender_replaced,
         )
+        self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
         mirror.add_listener(self._note_change)
         runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
@@ -257,11 +268,11 @@ class OperatorLink:
             topic = self._topic(topic)
             on_message = self._forward(type, topic, convert, receive)
             ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
-        ReceivedMessages(
+        self._statuses = ReceivedMessages(
             node,
             ExecutiveStatus,
             self._status_topic,
-            names.latched(),
+            names.latched(STATUS_DEPTH),
             self._on_status,
             MESSAGE_BYTES,
             event_callbacks=matched,
@@ -315,6 +326,9 @@ class OperatorLink:
         return message
 
     def _on_status(self, received: Received) -> None:
+        if not self._status_rates.allows(received.participant):
+            self._statuses.blame(received)
+            return
         message = self._unpacked(received, ExecutiveStatus, self._status_topic, is_status=True)
         if message is None:
             return

@@ -270,6 +270,13 @@ class Mirror:
             self._freshness.sender_gone()
         self._tell(Change.LINK)
 
+    def sender_replaced(self) -> None:
+        """Snapshots come from another process now: their numbers and times are not compared with those before."""
+        with self._lock:
+            self._newest.clear()
+            self._sent = None
+            self._freshness.start_over()
+
     def set_problem(self, problem: str) -> None:
         """Say what is wrong with the link (empty: nothing), e.g. that both sides are of different versions."""
         with self._lock:

@@ -22,7 +22,16 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
 from flexbt_console.link.synthesis_query import SynthesisQuery
-from flexbt_console.mirror import AutonomyLevel, Command, CommandState, Fleet, LinkState, Mirror, SynthesisRequest
+from flexbt_console.mirror import (
+    AutonomyLevel,
+    Command,
+    CommandKind,
+    CommandState,
+    Fleet,
+    LinkState,
+    Mirror,
+    SynthesisRequest,
+)
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import (
     BehaviorList,
@@ -297,6 +306,41 @@ def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executi
         assert operator.mirror.view().behaviors
         level = operator.requests.autonomy(operator.mirror.view(), AutonomyLevel.FULL)
         assert operator.state_of(level) is CommandState.APPLIED
+
+
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+def test_an_executive_that_was_late_gets_its_picture_back_from_one_that_floods(executives: Any) -> None:
+    executive = executives('late')
+    with station('late') as operator, NodeRuntime.open('forger', namespace='late') as forger:
+        view = operator.link.live_view(DEADLINE)
+        assert operator.state_of(operator.requests.start(view, 'Drive')) is CommandState.APPLIED
+        status = executive.status
+        forged = ExecutiveStatus(executive_id=status.executive_id, heartbeat_period=10.0, run_id='forged')
+        node = forger.node
+        statuses = forger.call(lambda: node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched()))
+        wait_until(statuses.get_subscription_count, 'the console')
+        over = threading.Event()
+
+        def flood() -> None:
+            number = 2**62
+            while not over.wait(0.0002):
+                number += 1
+                forged.sequence = number
+                statuses.publish(forged)
+
+        executive.do(lambda: setattr(executive.faults, 'lose_status', 1.0))
+        flooding = threading.Thread(target=flood)
+        flooding.start()
+        try:
+            operator.wait(lambda view: view.snapshot.run_id == 'forged')
+            executive.do(lambda: setattr(executive.faults, 'lose_status', 0.0))
+            operator.wait(lambda view: view.live and view.snapshot.run_id == status.run_id)
+            stop = operator.requests.command(operator.mirror.view(), CommandKind.STOP)
+            assert operator.state_of(stop) is CommandState.APPLIED
+        finally:
+            over.set()
+            flooding.join()
+        assert executive.received[-1].run_id == status.run_id
 
 
 def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
