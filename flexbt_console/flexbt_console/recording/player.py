@@ -38,7 +38,6 @@ from .topics import NOT_REPLAYED, TOPICS
 MOMENT: Final = 0.02
 """Seconds within which what is said belongs together, such as a status and a line of the log."""
 
-
 KEPT_EACH: Final = 500
 """Messages from one picture that is kept to the next: as many at most have to be read again to go back."""
 

@@ -35,7 +35,7 @@ from flexbt_console.commands import (
     prompt_help,
 )
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import CommandState, Mirror, View
+from flexbt_console.mirror import Mirror, View
 from flexbt_console.pictures import fold
 from flexbt_console.present import (
     SETTLE_SECONDS,
@@ -43,17 +43,18 @@ from flexbt_console.present import (
     Line,
     Tone,
     coloured,
-    command_result_lines,
     has_colours,
     tone_of,
 )
 from flexbt_console.ui.interaction import (
+    SOON_SECONDS,
     Attention,
     Bound,
     Local,
     Meaning,
     NoLiveLinkError,
     OnSignal,
+    SentCommands,
     ShownDecision,
     interpret,
 )
@@ -140,7 +141,7 @@ class Prompt:
         self._attention = Attention(clock)
         self._follower = Follower(mirror)
         self._history = _History()
-        self._pending: list[str] = []
+        self._sent = SentCommands(clock)
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
         self._refresh_planned = False
         self._settled_at = math.inf
@@ -257,8 +258,9 @@ class Prompt:
             self._print(_warned(lines(str(error))))
         else:
             if meaning.command is not None:
-                self._pending.append(meaning.command.id)
                 self._link.send(self._attention.measured(meaning.command), self._timeout, meaning.label)
+                self._sent.add(self._mirror, meaning.command.id)
+                self._loop.call_later(SOON_SECONDS, self._refresh)
         return True
 
     def _do_held(self) -> None:
@@ -330,11 +332,8 @@ class Prompt:
     def _tell(self, view: View) -> None:
         for event in self._follower.events(view):
             self._print(event.text, view)
-        for command_id in list(self._pending):
-            tracked = self._mirror.command(command_id)
-            if tracked is not None and tracked.state is not CommandState.PENDING:
-                self._pending.remove(command_id)
-                self._print(command_result_lines(tracked))
+        for told in self._sent.news():
+            self._print(told)
 
     def _is_settled(self, view: View) -> bool:
         """Whether what is latched has arrived beside the first status, so that it is told in its order."""
