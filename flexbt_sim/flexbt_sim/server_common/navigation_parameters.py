@@ -72,6 +72,36 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         declare.text('robot', '', 'its name there; empty for the last name of the namespace, or the only robot'),
         node.get_namespace().rpartition('/')[2],
     )
+    follower = replace(
+        follower,
+        speed=declare.real(
+            'desired_linear_vel', follower.speed, 0.01, MOST_SPEED, 'speed on a free and straight way, m/s'
+        ),
+        proximity_distance=declare.real(
+            'cost_scaling_dist',
+            follower.proximity_distance,
+            0.01,
+            10.0,
+            'nearer to an obstacle than this the robot drives slower, in proportion, m',
+        ),
+        xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
+        turning_radius=declare.real(
+            'minimum_turning_radius',
+            follower.turning_radius,
+            0.0,
+            100.0,
+            'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
+        ),
+        reverses=declare.flag(
+            'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
+        ),
+        yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
+        progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),
+        progress_time=declare.real('movement_time_allowance', follower.progress_time, 0.1, 1000.0, 's'),
+        patience=declare.real(
+            'failure_tolerance', follower.patience, 0.0, 60.0, 'how long an obstacle is waited for, s'
+        ),
+    )
     return NavigationParameters(
         owner_nodes=declare.texts(
             'owner_nodes',
@@ -106,38 +136,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
             declare.real('cost_scaling_factor', inflation.scaling, 0.1, 100.0, 'how fast costs fall off, 1/m'),
         ),
-        follower=(
-            follower := replace(
-                follower,
-                speed=declare.real(
-                    'desired_linear_vel', follower.speed, 0.01, MOST_SPEED, 'speed on a free and straight way, m/s'
-                ),
-                proximity_distance=declare.real(
-                    'cost_scaling_dist',
-                    follower.proximity_distance,
-                    0.01,
-                    10.0,
-                    'nearer to an obstacle than this the robot drives slower, in proportion, m',
-                ),
-                xy_tolerance=declare.real('xy_goal_tolerance', follower.xy_tolerance, 0.01, 2.0, 'm'),
-                turning_radius=declare.real(
-                    'minimum_turning_radius',
-                    follower.turning_radius,
-                    0.0,
-                    100.0,
-                    'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
-                ),
-                reverses=declare.flag(
-                    'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
-                ),
-                yaw_tolerance=declare.real('yaw_goal_tolerance', follower.yaw_tolerance, 0.01, 3.2, 'rad'),
-                progress_distance=declare.real('required_movement_radius', follower.progress_distance, 0.01, 10.0, 'm'),
-                progress_time=declare.real('movement_time_allowance', follower.progress_time, 0.1, 1000.0, 's'),
-                patience=declare.real(
-                    'failure_tolerance', follower.patience, 0.0, 60.0, 'how long an obstacle is waited for, s'
-                ),
-            )
-        ),
+        follower=follower,
         map_frame=declare.text('global_frame', 'map', 'frame of map, poses and paths'),
         transform_tolerance=declare.real(
             'transform_tolerance', 0.3, 0.0, 10.0, 'how long the transform of a request is waited for, s of wall time'
