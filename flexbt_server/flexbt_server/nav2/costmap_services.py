@@ -12,7 +12,16 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import NodeConfig, NodeKind, NodeStatus, Port, PortError, input_port, output_port
+from flexbt_core.behavior_tree import (
+    Example,
+    NodeConfig,
+    NodeKind,
+    NodeStatus,
+    Port,
+    PortError,
+    input_port,
+    output_port,
+)
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED, list_of
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceLeaf
@@ -60,6 +69,7 @@ class ClearEntireCostmap(_ClearCostmap):
     default_service = names.CLEAR_GLOBAL_COSTMAP
     ports = SERVICE_PORTS | {'plugins': _PLUGINS}
     fields = ('plugins',)
+    example = Example('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
 
 
 class ClearCostmapExceptRegion(_ClearCostmap):
@@ -70,6 +80,9 @@ class ClearCostmapExceptRegion(_ClearCostmap):
     service_type = srv.ClearCostmapExceptRegion
     default_service = 'local_costmap/clear_except_local_costmap'
     ports = SERVICE_PORTS | {'reset_distance': _DISTANCE, 'plugins': _PLUGINS}
+    example = Example(
+        '<ClearCostmapExceptRegion service_name="local_costmap/clear_except_local_costmap" reset_distance="2.0"/>'
+    )
 
 
 class ClearCostmapAroundRobot(_ClearCostmap):
@@ -80,6 +93,9 @@ class ClearCostmapAroundRobot(_ClearCostmap):
     service_type = srv.ClearCostmapAroundRobot
     default_service = 'local_costmap/clear_around_local_costmap'
     ports = SERVICE_PORTS | {'reset_distance': _DISTANCE, 'plugins': _PLUGINS}
+    example = Example(
+        '<ClearCostmapAroundRobot service_name="local_costmap/clear_around_local_costmap" reset_distance="2.0"/>'
+    )
 
 
 class ClearCostmapAroundPose(_ClearCostmap):
@@ -95,6 +111,9 @@ class ClearCostmapAroundPose(_ClearCostmap):
         'plugins': _PLUGINS,
     }
     fields = ('pose', 'reset_distance', 'plugins')
+    example = Example(
+        '<ClearCostmapAroundPose service_name="global_costmap/clear_around_pose_global_costmap" pose="{goal}"/>'
+    )
 
 
 class IsPathValid(ServiceLeaf):
@@ -117,6 +136,7 @@ class IsPathValid(ServiceLeaf):
         'max_cost': input_port(UNSIGNED, default='253', description='cost from which a cell is in collision'),
         'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
     }
+    example = Example('<IsPathValid path="{path}"/>')
 
     def make_request(self) -> Any:
         request = self.service_type.Request(path=self.get_input_or('path', Path()))
@@ -151,6 +171,7 @@ class ValidatePath(IsPathValid):
         ),
         'collision_poses': output_port(POSES, description='poses in collision'),
     }
+    example = Example('<ValidatePath path="{path}" max_lookahead_distance="5.0" collision_poses="{blocked}"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -244,6 +265,7 @@ class CheckPoseOccupancy(_CostLeaf):
     nav2_branch = 'main'
     skill = Skill.measuring(_OCCUPIED)
     ports = {**_COST_PORTS, 'pose': input_port(POSE_STAMPED, description='the pose to check')}
+    example = Example('<CheckPoseOccupancy service_name="global_costmap/get_cost_global_costmap" pose="{goal}"/>')
 
     def poses(self) -> Sequence[PoseStamped]:
         return [self.get_input('pose')]
@@ -265,6 +287,10 @@ class RemoveInCollisionGoals(_CostLeaf):
         'input_waypoint_statuses': input_port(WAYPOINT_STATUSES, optional=True, description='statuses of waypoints'),
         'output_waypoint_statuses': output_port(WAYPOINT_STATUSES, description='the same, with those of the goals'),
     }
+    example = Example(
+        '<RemoveInCollisionGoals service_name="global_costmap/get_cost_global_costmap" '
+        'input_goals="{goals}" output_goals="{goals}"/>'
+    )
 
     def on_start(self) -> NodeStatus:
         try:

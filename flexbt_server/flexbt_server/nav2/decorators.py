@@ -14,7 +14,7 @@ from nav_msgs.msg import Goals, Odometry
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_core.behavior_tree import Decorator, NodeConfig, NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree import Decorator, Example, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
 from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
 from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, TopicCache
@@ -25,6 +25,13 @@ from .path_tracking import position_of
 class DistanceController(nav2_motion.DistanceController):
     __doc__ = nav2_motion.DistanceController.__doc__
     __slots__ = ()
+    example = Example(
+        """
+        <DistanceController distance="1.0">
+          <ComputePathToPose goal="{goal}" path="{path}"/>
+        </DistanceController>
+        """
+    )
 
     def position(self) -> nav2_motion.Position | None:
         services: LeafServices = self.services
@@ -46,6 +53,13 @@ class SpeedController(nav2_motion.SpeedController):
         'goal': replace(nav2_motion.SpeedController.ports['goal'], type=POSE_STAMPED),
         'goals': replace(nav2_motion.SpeedController.ports['goals'], type=POSES),
     }
+    example = Example(
+        """
+        <SpeedController min_rate="0.1" max_rate="1.0" max_speed="0.5" goal="{goal}">
+          <ComputePathToPose goal="{goal}" path="{path}"/>
+        </SpeedController>
+        """
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -78,6 +92,13 @@ class GoalUpdater(Decorator):
     }
     nav2_branch = 'jazzy'
     topic = 'goal_update'
+    example = Example(
+        """
+        <GoalUpdater input_goal="{goal}" output_goal="{newest}">
+          <ComputePathToPose goal="{newest}" path="{path}"/>
+        </GoalUpdater>
+        """
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -153,6 +174,13 @@ class PauseResumeController(nav2_pause.PauseResumeController):
     __slots__ = ('__weakref__', '_offered')
 
     nav2_branch = 'main'
+    example = Example(
+        """
+        <PauseResumeController pause_service_name="pause" resume_service_name="resume">
+          <FollowPath path="{path}"/>
+        </PauseResumeController>
+        """
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_core.behavior_tree import NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree import Example, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 from flexbt_server.leaves import POSE_STAMPED, POSES, PoseLeaf
 from flexbt_server.trees import ROUTE, WAYPOINT_STATUSES
@@ -43,6 +43,7 @@ class RemovePassedGoals(PoseLeaf, SyncAction):
             WAYPOINT_STATUSES, description='the same, with those passed', nav2_branch='main'
         ),
     }
+    example = Example('<RemovePassedGoals input_goals="{goals}" radius="0.7" output_goals="{goals}"/>')
 
     def evaluate(self) -> NodeStatus:
         goals = list(self.get_input('input_goals'))
@@ -75,6 +76,7 @@ class AppendGoalPoseToGoals(PoseLeaf, SyncAction):
         'input_goals': input_port(POSES, optional=True, description='the goals before it'),
         'output_goals': output_port(POSES, description='all of them'),
     }
+    example = Example('<AppendGoalPoseToGoals goal_pose="{goal}" input_goals="{goals}" output_goals="{goals}"/>')
 
     def evaluate(self) -> NodeStatus:
         self.set_output('output_goals', [*self.get_input_or('input_goals', ()), self.get_input('goal_pose')])
@@ -92,6 +94,7 @@ class GetNextFewGoals(PoseLeaf, SyncAction):
         'input_goals': input_port(POSES, description='the goals'),
         'output_goals': output_port(POSES, description='the first of them'),
     }
+    example = Example('<GetNextFewGoals num_goals="2" input_goals="{goals}" output_goals="{next_goals}"/>')
 
     def evaluate(self) -> NodeStatus:
         goals = self.get_input('input_goals')
@@ -114,6 +117,7 @@ class ExtractRouteNodesAsGoals(PoseLeaf, SyncAction):
         'route': input_port(ROUTE, description='the route'),
         'goals': output_port(POSES, description='its nodes'),
     }
+    example = Example('<ExtractRouteNodesAsGoals route="{route}" goals="{goals}"/>')
 
     def evaluate(self) -> NodeStatus:
         route: Any = self.get_input('route')

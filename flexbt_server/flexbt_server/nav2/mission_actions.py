@@ -9,7 +9,7 @@ from nav2_msgs import action
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
-from flexbt_core.behavior_tree import NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree import Example, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, FLOAT, STRING, UINT16
 from flexbt_core.skills import Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, POSE_STAMPED, POSES, ActionLeaf
@@ -41,6 +41,7 @@ class NavigateToPose(ActionLeaf):
         'goal': input_port(POSE_STAMPED, description='where to drive'),
         'behavior_tree': _TREE,
     }
+    example = Example('<NavigateToPose goal="{goal}" behavior_tree="" error_msg="{why}"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal(pose=self.get_input('goal'))
@@ -60,6 +61,7 @@ class NavigateThroughPoses(ActionLeaf):
         'goals': input_port(POSES, description='poses to pass; the last is where to drive'),
         'behavior_tree': _TREE,
     }
+    example = Example('<NavigateThroughPoses goals="{goals}"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal()
@@ -88,6 +90,7 @@ class DockRobot(ActionLeaf):
         'success': output_port(BOOL, description='whether the robot is docked'),
         'num_retries': output_port(UINT16, description='how often it was tried again'),
     }
+    example = Example('<DockRobot dock_id="home" num_retries="{retries}"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal()
@@ -121,6 +124,7 @@ class UndockRobot(ActionLeaf):
         'max_undocking_time': input_port(FLOAT, default='30.0', description='time that it may take, s'),
         'success': output_port(BOOL, description='whether the robot is undocked'),
     }
+    example = Example('<UndockRobot dock_type="charger"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal()

@@ -14,7 +14,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
 from flexbt_common.values import duration_message
-from flexbt_core.behavior_tree import Blackboard, NodeConfig, NodeStatus, PortError, input_port, output_port
+from flexbt_core.behavior_tree import Blackboard, Example, NodeConfig, NodeStatus, PortError, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, DURATION, PATH, ActionLeaf
@@ -77,6 +77,7 @@ class FollowPath(ActionLeaf):
             TRACKING_FEEDBACK, description='how the robot is on the path', nav2_branch='main'
         ),
     }
+    example = Example('<FollowPath path="{path}" controller_id="FollowPath" error_code_id="{code}"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -171,6 +172,7 @@ class Spin(RecoveryLeaf):
         'disable_collision_checks': _UNCHECKED,
         'is_recovery': input_port(BOOL, default='true', description='whether it counts as a recovery'),
     }
+    example = Example('<Spin spin_dist="1.57"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal(
@@ -223,6 +225,7 @@ class BackUp(RecoveryLeaf):
         'time_allowance': _ALLOWANCE,
         'disable_collision_checks': _UNCHECKED,
     }
+    example = Example('<BackUp backup_dist="0.3" backup_speed="0.1"/>')
 
     def make_goal(self) -> Any:
         return _drive_goal(self, 'backup_dist', 'backup_speed')
@@ -245,6 +248,7 @@ class DriveOnHeading(ActionLeaf):
         'time_allowance': _ALLOWANCE,
         'disable_collision_checks': _UNCHECKED,
     }
+    example = Example('<DriveOnHeading dist_to_travel="0.5" speed="0.1"/>')
 
     def make_goal(self) -> Any:
         return _drive_goal(self, 'dist_to_travel', 'speed')
@@ -264,6 +268,7 @@ class Wait(RecoveryLeaf):
         'error_code_id': replace(ACTION_PORTS['error_code_id'], nav2_branch='main'),
         'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
     }
+    example = Example('<Wait wait_duration="5.0"/>')
 
     def make_goal(self) -> Any:
         seconds = float(self.get_input('wait_duration'))
@@ -293,6 +298,7 @@ class AssistedTeleop(RecoveryLeaf):
         'time_allowance': _ALLOWANCE,
         'is_recovery': input_port(BOOL, default='false', description='whether it counts as a recovery'),
     }
+    example = Example('<AssistedTeleop time_allowance="30.0"/>')
 
     def make_goal(self) -> Any:
         return self.action_type.Goal(time_allowance=duration_message(self.get_input('time_allowance')))
@@ -317,6 +323,7 @@ class FollowObject(ActionLeaf):
         'max_duration': input_port(FLOAT, default='0.0', description='how long at most, s; 0 for ever'),
         'total_elapsed_time': output_port(DURATION, description='how long it was followed'),
     }
+    example = Example('<FollowObject pose_topic="person" max_duration="60.0"/>')
 
     def make_goal(self) -> Any:
         return self.action_type.Goal(

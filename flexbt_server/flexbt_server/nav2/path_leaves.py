@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from std_msgs.msg import Header
 
-from flexbt_core.behavior_tree import NodeConfig, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree import Example, NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
 from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
 
@@ -30,6 +30,7 @@ class TruncatePath(PoseLeaf, SyncAction):
         'distance': input_port(DOUBLE, default='1.0', description='what is taken off, m'),
         'output_path': output_port(PATH, description='what is left'),
     }
+    example = Example('<TruncatePath input_path="{path}" distance="1.0" output_path="{first_part}"/>')
 
     def evaluate(self) -> NodeStatus:
         path: Any = self.get_input('input_path')
@@ -80,6 +81,9 @@ class TruncatePathLocal(PoseLeaf, SyncAction):
             DOUBLE, default='inf', description='how far along the same path from the last time is searched, m'
         ),
     }
+    example = Example(
+        '<TruncatePathLocal input_path="{path}" distance_forward="3.0" distance_backward="0.0" output_path="{near}"/>'
+    )
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -116,6 +120,7 @@ class ConcatenatePaths(PoseLeaf, SyncAction):
         'input_path2': input_port(PATH, optional=True, description='the path that comes then'),
         'output_path': output_port(PATH, description='both'),
     }
+    example = Example('<ConcatenatePaths input_path1="{there}" input_path2="{back}" output_path="{path}"/>')
 
     def evaluate(self) -> NodeStatus:
         first, then = (self.get_input_or(port, Path()) for port in ('input_path1', 'input_path2'))
@@ -137,6 +142,7 @@ class GetPoseFromPath(PoseLeaf, SyncAction):
         'index': input_port(INT, default='0', description='from 0; -1 is the last, and so on'),
         'pose': output_port(POSE_STAMPED, description='the pose, in the frame of the path if it names none'),
     }
+    example = Example('<GetPoseFromPath path="{path}" index="-1" pose="{end}"/>')
 
     def evaluate(self) -> NodeStatus:
         path: Any = self.get_input('path')

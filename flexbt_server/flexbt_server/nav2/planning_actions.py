@@ -18,7 +18,7 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
 from flexbt_common.values import duration_message, seconds_of
-from flexbt_core.behavior_tree import NodeStatus, input_port, output_port
+from flexbt_core.behavior_tree import Example, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED
 from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, POSE_STAMPED, POSES, ActionLeaf
 from flexbt_server.trees import ROUTE
@@ -46,6 +46,7 @@ class ComputePathToPose(ActionLeaf):
         ),
         'path': output_port(PATH, description='the path; empty when there is none'),
     }
+    example = Example('<ComputePathToPose goal="{goal}" planner_id="GridBased" path="{path}" error_code_id="{code}"/>')
 
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
@@ -85,6 +86,7 @@ class ComputePathThroughPoses(ActionLeaf):
             nav2_branch='main',
         ),
     }
+    example = Example('<ComputePathThroughPoses goals="{goals}" path="{path}"/>')
 
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
@@ -126,6 +128,7 @@ class SmoothPath(ActionLeaf):
         'smoothing_duration': output_port(DOUBLE, description='time that it took, s'),
         'was_completed': output_port(BOOL, description='false when it had to stop early'),
     }
+    example = Example('<SmoothPath unsmoothed_path="{path}" max_smoothing_duration="1.0" smoothed_path="{path}"/>')
 
     def make_goal(self) -> Any:
         return self.action_type.Goal(
@@ -188,6 +191,7 @@ class ComputeRoute(_RouteLeaf):
             'planning_time': output_port(DURATION, description='time that it took'),
         }
     )
+    example = Example('<ComputeRoute start_id="1" goal_id="7" route="{route}" path="{path}"/>')
 
     def on_success(self, result: Any) -> NodeStatus:
         self._write(result)
@@ -225,6 +229,7 @@ class ComputeAndTrackRoute(_RouteLeaf):
             'execution_duration': output_port(DURATION, description='time that it took'),
         }
     )
+    example = Example('<ComputeAndTrackRoute use_poses="true" goal="{goal}" next_node_id="{next}"/>')
 
     def newer_goal(self, feedback: Any) -> Any | None:
         if feedback is not None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Header
 
-from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree import Condition, Example, NodeConfig, NodeStatus, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, STRING
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import PATH, POSE_STAMPED, PoseLeaf
@@ -45,6 +45,7 @@ class GetCurrentPose(PoseLeaf, SyncAction):
         'robot_base_frame': _BASE,
         'current_pose': output_port(POSE_STAMPED, description='where the robot is'),
     }
+    example = Example('<GetCurrentPose current_pose="{start}"/>')
 
     def evaluate(self) -> NodeStatus:
         self.set_output('current_pose', self.robot_pose())
@@ -63,6 +64,7 @@ class ArePosesNear(PoseLeaf, Condition):
         'global_frame': _GLOBAL,
         'tolerance': input_port(DOUBLE, default='0.5', description='m'),
     }
+    example = Example('<ArePosesNear ref_pose="{goal}" target_pose="{end}" tolerance="0.3"/>')
 
     def evaluate(self) -> NodeStatus:
         poses = [self.get_input('ref_pose'), self.get_input('target_pose')]
@@ -88,6 +90,7 @@ class GoalReached(PoseLeaf, Condition):
         ),
         'robot_base_frame': _BASE,
     }
+    example = Example('<GoalReached goal="{goal}"/>')
 
     def evaluate(self) -> NodeStatus:
         goal = self.get_input('goal')
@@ -111,6 +114,7 @@ class DistanceTraveled(PoseLeaf, Condition):
         'global_frame': _GLOBAL,
         'robot_base_frame': _BASE,
     }
+    example = Example('<DistanceTraveled distance="0.5"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -150,6 +154,7 @@ class IsGoalNearby(PoseLeaf, Condition):
         'global_frame': _GLOBAL,
         'robot_base_frame': _BASE,
     }  # fmt: skip
+    example = Example('<IsGoalNearby path="{path}" proximity_threshold="1.5"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -184,6 +189,9 @@ class IsWithinPathTrackingBounds(PoseLeaf, Condition):
             TRACKING_FEEDBACK, optional=True, description='how the robot is on the path, by FollowPath'
         ),
     }
+    example = Example(
+        '<IsWithinPathTrackingBounds max_error_left="0.3" max_error_right="0.3" tracking_feedback="{feedback}"/>'
+    )
 
     def evaluate(self) -> NodeStatus:
         told: Any = self.get_input_or('tracking_feedback', None)
@@ -207,6 +215,7 @@ class TransformAvailable(PoseLeaf, Condition):
         'child': input_port(STRING, default='', description='one of the frames'),
         'parent': input_port(STRING, default='', description='the other'),
     }
+    example = Example('<TransformAvailable child="base_link" parent="map"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

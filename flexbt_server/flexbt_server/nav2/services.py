@@ -10,7 +10,7 @@ from nav2_msgs import srv
 from std_srvs.srv import Empty
 
 from flexbt_common import names
-from flexbt_core.behavior_tree import NodeStatus, input_port
+from flexbt_core.behavior_tree import Example, NodeStatus, input_port
 from flexbt_core.behavior_tree.model import BOOL
 from flexbt_server.leaves import SERVER_PORTS, SERVICE_PORTS, ServiceLeaf
 
@@ -44,6 +44,7 @@ class CancelControl(CancelAction):
 
     __slots__ = ()
     default_action = names.FOLLOW_PATH
+    example = Example('<CancelControl server_name="follow_path"/>')
 
 
 class CancelSpin(CancelAction):
@@ -51,6 +52,7 @@ class CancelSpin(CancelAction):
 
     __slots__ = ()
     default_action = names.SPIN
+    example = Example('<CancelSpin/>')
 
 
 class CancelBackUp(CancelAction):
@@ -58,6 +60,7 @@ class CancelBackUp(CancelAction):
 
     __slots__ = ()
     default_action = names.BACKUP
+    example = Example('<CancelBackUp/>')
 
 
 class CancelWait(CancelAction):
@@ -65,6 +68,7 @@ class CancelWait(CancelAction):
 
     __slots__ = ()
     default_action = names.WAIT
+    example = Example('<CancelWait/>')
 
 
 class CancelDriveOnHeading(CancelAction):
@@ -72,6 +76,7 @@ class CancelDriveOnHeading(CancelAction):
 
     __slots__ = ()
     default_action = names.DRIVE_ON_HEADING
+    example = Example('<CancelDriveOnHeading/>')
 
 
 class CancelAssistedTeleop(CancelAction):
@@ -79,6 +84,7 @@ class CancelAssistedTeleop(CancelAction):
 
     __slots__ = ()
     default_action = names.ASSISTED_TELEOP
+    example = Example('<CancelAssistedTeleop/>')
 
 
 class CancelComputeAndTrackRoute(CancelAction):
@@ -86,6 +92,7 @@ class CancelComputeAndTrackRoute(CancelAction):
 
     __slots__ = ()
     default_action = names.COMPUTE_AND_TRACK_ROUTE
+    example = Example('<CancelComputeAndTrackRoute/>')
 
 
 class CancelFollowObject(CancelAction):
@@ -95,6 +102,7 @@ class CancelFollowObject(CancelAction):
 
     nav2_branch = 'main'
     default_action = names.FOLLOW_OBJECT
+    example = Example('<CancelFollowObject/>')
 
 
 class ReinitializeGlobalLocalization(ServiceLeaf):
@@ -104,6 +112,7 @@ class ReinitializeGlobalLocalization(ServiceLeaf):
 
     service_type = Empty
     default_service = 'reinitialize_global_localization'
+    example = Example('<ReinitializeGlobalLocalization/>')
 
     def make_request(self) -> Any:
         return Empty.Request()
@@ -118,6 +127,7 @@ class ToggleCollisionMonitor(ServiceLeaf):
     service_type = srv.Toggle
     default_service = 'collision_monitor/toggle'
     ports = SERVICE_PORTS | {'enable': input_port(BOOL, default='true', description='whether it is to be on')}
+    example = Example('<ToggleCollisionMonitor enable="false"/>')
 
     def make_request(self) -> Any:
         request = srv.Toggle.Request()

@@ -15,6 +15,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import seconds_of
 from flexbt_core.behavior_tree import (
     Condition,
+    Example,
     NodeConfig,
     NodeKind,
     NodeStatus,
@@ -48,6 +49,7 @@ class IsBatteryLow(TopicCondition):
         'battery_topic': _BATTERY_TOPIC,
         'is_voltage': input_port(BOOL, default='false', description='whether min_battery is a voltage'),
     }
+    example = Example('<IsBatteryLow min_battery="0.2"/>')
 
     @property
     def topic(self) -> str:
@@ -69,6 +71,7 @@ class IsBatteryCharging(TopicCondition):
     qos = names.unacknowledged(1)
     skill = Skill.measuring(Predicate('charging', sensor=ConditionSensor('IsBatteryCharging')))
     ports = {'battery_topic': _BATTERY_TOPIC}
+    example = Example('<IsBatteryCharging/>')
 
     @property
     def topic(self) -> str:
@@ -93,6 +96,7 @@ class CheckStopStatus(StatefulAction):
         'velocity_threshold': input_port(DOUBLE, default='0.01', description='m/s and rad/s below which it stands'),
         'duration_stopped': input_port(UNSIGNED, default='1000', description='how long, ms'),
     }
+    example = Example('<CheckStopStatus velocity_threshold="0.05" duration_stopped="500"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -132,6 +136,7 @@ class IsStopped(CheckStopStatus):
     __slots__ = ()
 
     kind = NodeKind.CONDITION
+    example = Example('<IsStopped duration_stopped="500"/>')
 
 
 BRAKE_LIMIT: Final = -10.0
@@ -160,6 +165,7 @@ class IsStuck(Condition):
     __slots__ = ('_acceleration',)
 
     skill = Skill.measuring(Predicate('stuck', sensor=ConditionSensor('IsStuck')))
+    example = Example('<IsStuck/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -217,6 +223,7 @@ class ControllerSelector(_Selector):
     selected, default = 'selected_controller', 'default_controller'
     ports = _selector_ports('controller')
     outcomes = WithDefault('default_controller')
+    example = Example('<ControllerSelector default_controller="FollowPath" selected_controller="{controller}"/>')
 
 
 class PlannerSelector(_Selector):
@@ -226,6 +233,7 @@ class PlannerSelector(_Selector):
     selected, default = 'selected_planner', 'default_planner'
     ports = _selector_ports('planner')
     outcomes = WithDefault('default_planner')
+    example = Example('<PlannerSelector default_planner="GridBased" selected_planner="{planner}"/>')
 
 
 class SmootherSelector(_Selector):
@@ -235,6 +243,7 @@ class SmootherSelector(_Selector):
     selected, default = 'selected_smoother', 'default_smoother'
     ports = _selector_ports('smoother')
     outcomes = WithDefault('default_smoother')
+    example = Example('<SmootherSelector default_smoother="simple_smoother" selected_smoother="{smoother}"/>')
 
 
 class GoalCheckerSelector(_Selector):
@@ -244,6 +253,7 @@ class GoalCheckerSelector(_Selector):
     selected, default = 'selected_goal_checker', 'default_goal_checker'
     ports = _selector_ports('goal_checker')
     outcomes = WithDefault('default_goal_checker')
+    example = Example('<GoalCheckerSelector default_goal_checker="goal_checker" selected_goal_checker="{checker}"/>')
 
 
 class ProgressCheckerSelector(_Selector):
@@ -253,6 +263,9 @@ class ProgressCheckerSelector(_Selector):
     selected, default = 'selected_progress_checker', 'default_progress_checker'
     ports = _selector_ports('progress_checker')
     outcomes = WithDefault('default_progress_checker')
+    example = Example(
+        '<ProgressCheckerSelector default_progress_checker="progress_checker" selected_progress_checker="{checker}"/>'
+    )
 
 
 class PathHandlerSelector(_Selector):
@@ -264,6 +277,7 @@ class PathHandlerSelector(_Selector):
     selected, default = 'selected_path_handler', 'default_path_handler'
     ports = _selector_ports('path_handler')
     outcomes = WithDefault('default_path_handler')
+    example = Example('<PathHandlerSelector default_path_handler="PathHandler" selected_path_handler="{handler}"/>')
 
 
 NODES: Final = (

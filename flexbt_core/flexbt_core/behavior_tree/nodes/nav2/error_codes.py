@@ -57,6 +57,7 @@ class WouldASmootherRecoveryHelp(AreErrorCodesPresent):
     __slots__ = ()
 
     default_codes = (500, 502, 503, 504)
+    example = Example('<WouldASmootherRecoveryHelp error_code="{smoother_error_code}"/>')
 
 
 class WouldARouteRecoveryHelp(AreErrorCodesPresent):
@@ -66,6 +67,7 @@ class WouldARouteRecoveryHelp(AreErrorCodesPresent):
 
     nav2_branch = 'main'
     default_codes = (400, 404, 405)
+    example = Example('<WouldARouteRecoveryHelp error_code="{route_error_code}"/>')
 
 
 NODES: Final = (
