@@ -19,6 +19,7 @@ from flexbt_demo_behaviors.demonstration import (
     ProcessGroup,
     process_group,
     run_demonstration,
+    tell_ended,
 )
 
 DEADLINE = 60.0
@@ -164,6 +165,22 @@ def test_who_begins_to_watch_late_is_told_what_ended_before(tmp_path: Path) -> N
         ended = first.get(timeout=60)
         group.watch(late.append)
         assert late == [ended]
+
+
+def test_what_died_while_the_operator_was_at_the_console_is_told_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ended: queue.Queue[EndedProcess] = queue.Queue()
+    with ProcessGroup(tmp_path) as group:
+        group.watch(ended.put)
+        group.start('unlucky', [sys.executable, '-c', 'raise SystemExit(3)'])
+        group.start('program', [sys.executable, '-c', 'print("at its end")'])
+        assert {ended.get(timeout=DEADLINE).name for _ in range(2)} == {'unlucky', 'program'}
+        tell_ended(group)
+        told = capsys.readouterr().err
+        assert 'unlucky ended with exit code 3' in told and 'program' not in told
+        tell_ended(group)
+        assert capsys.readouterr().err == ''
 
 
 @pytest.mark.skipif(not sys.platform.startswith('linux'), reason='the kernel of Linux ends orphans')

@@ -11,7 +11,7 @@ from .demo_processes import (
     first_place,
     page_command,
 )
-from .interactive import run_console, serve_page
+from .interactive import run_console, serve_page, tell_ended
 from .options import RunOptions, parse_options, parse_run_options
 from .picture import draw_tracks, write_picture
 from .process_group import EndedProcess, ProcessGroup
@@ -64,5 +64,6 @@ __all__ = [
     'run_demonstration',
     'serve_page',
     'set_environment',
+    'tell_ended',
     'write_picture',
 ]

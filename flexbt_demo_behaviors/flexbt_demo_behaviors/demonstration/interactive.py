@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from flexbt_console.mirror import AutonomyLevel
 
 from .demo_processes import DemoSettings, console_command, page_command
-from .process_group import EndedProcess, ProcessGroup
+from .process_group import ProcessGroup
 from .report import Timeline
 from .scripts import Demonstration
 from .session import open_session
@@ -28,18 +28,13 @@ def run_interactive(
     group: ProcessGroup, settings: DemoSettings, demonstration: Demonstration, timeline: Timeline
 ) -> int:
     """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
-    ended: dict[str, EndedProcess] = {}
     with open_session(group, settings, 'demo', timeline) as session:
         place = session.operator.places(('kitchen',))[0]
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
         session.operator.wait_state('/AskGoal')
-    group.watch(lambda process: ended.update({process.name: process}))
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
     print(serve_page(group), flush=True)
-    exit_code = run_console(console_command())
-    for process in ended.values():
-        print(process.report(), file=sys.stderr)
-    return exit_code
+    return run_console(group, console_command())
 
 
 def serve_page(group: ProcessGroup) -> str:
@@ -54,13 +49,22 @@ def serve_page(group: ProcessGroup) -> str:
     return f'In a browser: http://127.0.0.1:{port}/\n'
 
 
-def run_console(command: Sequence[str]) -> int:
-    """Hand the terminal to a console until the operator leaves it; gives its exit code."""
+def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
+    """Hand the terminal to a console until the operator leaves it, then tell what has died; gives its exit code."""
     with _restored_terminal(), subprocess.Popen(command) as console:  # noqa: S603 - it comes from the process table
         try:
-            return console.wait()
+            exit_code = console.wait()
         finally:
             console.terminate()
+    tell_ended(group)
+    return exit_code
+
+
+def tell_ended(group: ProcessGroup) -> None:
+    """Print which processes have died since that was told last; a program may also have come to its end."""
+    for process in group.take_ended():
+        if process.exit_code != 0 or process.is_respawned:
+            print(process.report(), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

@@ -63,6 +63,7 @@ class ProcessGroup:
     _watchers: list[threading.Thread] = field(default_factory=list)
     _ending: threading.Event = field(default_factory=threading.Event)
     _ended: list[EndedProcess] = field(default_factory=list)
+    _taken: int = 0
     _killed: set[str] = field(default_factory=set)
     _listener: Callable[[EndedProcess], None] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -122,6 +123,12 @@ class ProcessGroup:
             ended = list(self._ended)
         for process in ended:
             listener(process)
+
+    def take_ended(self) -> list[EndedProcess]:
+        """The processes that have ended untold since the last call; of each its last end."""
+        with self._lock:
+            ended, self._taken = self._ended[self._taken :], len(self._ended)
+        return list({process.name: process for process in ended}.values())
 
     def pid(self, name: str) -> int:
         """The process id of the process that was started last under `name`."""

@@ -57,7 +57,7 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
             return _run_script(options, session, timeline)
         session.operator.start('Reach Goal', AutonomyLevel.HIGH)
     print(INTRODUCTION, flush=True)
-    return run_console(console_command())
+    return run_console(group, console_command())
 
 
 def _run_script(options: RunOptions, session: Session, timeline: Timeline) -> int:

@@ -57,7 +57,7 @@ def _run(options: RunOptions, group: ProcessGroup, domain: int) -> int:
             return _run_script(options, group, session, timeline)
     group.start(PROGRAM.name, PROGRAM.command())
     print(INTRODUCTION, flush=True)
-    return run_console(console_command())
+    return run_console(group, console_command())
 
 
 def _run_script(options: RunOptions, group: ProcessGroup, session: Session, timeline: Timeline) -> int:

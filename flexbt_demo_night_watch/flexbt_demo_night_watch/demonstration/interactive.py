@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console, serve_page
+from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console, serve_page, tell_ended
 
 from .watch import Watch
 from .watch_processes import ROBOTS
@@ -26,6 +26,7 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
     watch.start()
     print(INTRODUCTION + serve_page(watch.group), flush=True)
     while True:
+        tell_ended(watch.group)
         try:
             words = read('night watch> ').split()
         except EOFError:
@@ -35,7 +36,7 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
                 case ['end']:
                     return
                 case [robot] if robot in ROBOTS:
-                    run_console(console_command('you are asked again which robot you look after', robot))
+                    run_console(watch.group, console_command('you are asked again which robot you look after', robot))
                 case ['mend']:
                     watch.building.mend_door()
                 case ['battery', robot] if robot in ROBOTS:
