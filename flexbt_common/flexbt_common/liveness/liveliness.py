@@ -17,7 +17,8 @@ A watcher knows three stages:
   were measured), and may be stopped or killed meanwhile;
 - *gone*: what it had begun has to end. That is decided by what only an end explains (its token was taken back, another
   process has taken its place, or its process, on the computer of the watcher, does not exist any more), or by its being
-  late for longer than a time that the watcher sets.
+  late for longer than a time that the watcher sets. A process whose place was taken, and that is heard again, has a
+  namesake: nobody knows which of the two answers, so the node is late as long as both are heard.
 
 Alive is not ready: a process lives for seconds before the last of its actions and services exists. The message on the
 token's topic says whether the node is ready, and whoever comes later gets it too. A node that has said nothing is not.
@@ -304,7 +305,10 @@ class LivelinessWatch:
 
     @property
     def problem(self) -> str:
-        """What is wrong with a node that is alive, for people; '' when it is ready."""
+        """What is wrong with a node that is alive, or was late for too long, for people; '' when it is ready, or when
+        nothing is known."""
+        if self._timed_out:
+            return self._token.problem
         if self.late:
             if not self.alive:
                 return 'it was found, and has not been heard yet'
@@ -391,6 +395,8 @@ class _SeenToken:
         self.listeners: list[Callable[[], None]] = []
         self._identity: ProcessIdentity | None = None
         self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
+        self._replaced: OrderedDict[ProcessIdentity, None] = OrderedDict()
+        self._namesakes: dict[ProcessIdentity, float] = {}  # and when they were heard
         self._is_asserted = False
         self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
@@ -436,25 +442,54 @@ class _SeenToken:
         self._hear(status, identity)
 
     def _hear(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
-        if self.alive and identity != self._identity:  # another one has taken its place, before it was missed
-            self._leave()
-        if status.level == DiagnosticStatus.ERROR:
-            if self.is_there:
-                self._leave()
-            return
-        problem = status.message if status.level == DiagnosticStatus.STALE else ''
         now = self._runtime.steady.now()
+        holder = self._identity if self.alive else None
+        if status.level == DiagnosticStatus.ERROR:
+            if self.is_there and holder in (None, identity):
+                self._leave()
+            self._namesakes.pop(identity, None)
+            return
+        if holder is not None and identity != holder:
+            if identity in self._replaced and now < self._heard_at + _WORDLESS_SECONDS and not holder.has_ended():
+                self._namesakes[identity] = now
+                self._tell_problem(self._several(), now)
+                self._review()
+                return
+            self._replace(holder)  # before it was missed
+        problem = status.message if status.level == DiagnosticStatus.STALE else self._several()
         if not self.alive and not self._is_asserted:
             self._await_first_word()
         if not problem and not self._is_asserted:
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
-        if problem and not self.problem:
-            self._silent_since = now - LEASE_SECONDS
+        self._tell_problem(problem, now)
         self._heard_at = now
         self.alive, self._unheard, self._identity = True, False, identity
-        self.says_ready, self.problem = status.level == DiagnosticStatus.OK, problem
+        self._replaced.pop(identity, None)
+        self.says_ready = status.level == DiagnosticStatus.OK
         self.why_unready = '' if problem else status.message
         self._review()
+
+    def _tell_problem(self, problem: str, now: float) -> None:
+        if problem and not self.problem:
+            self._silent_since = now - LEASE_SECONDS
+        self.problem = problem
+
+    def _replace(self, holder: ProcessIdentity) -> None:
+        self._leave()
+        self._replaced[holder] = None
+        if len(self._replaced) > _PROCESSES:
+            self._replaced.popitem(last=False)
+
+    def _several(self) -> str:
+        """What is wrong while several processes say that they hold the token; '' when it is one."""
+        since = self._runtime.steady.now() - _WORDLESS_SECONDS
+        self._namesakes = {
+            one: heard for one, heard in self._namesakes.items() if heard > since and not one.has_ended()
+        }
+        if not self._namesakes or self._identity is None:
+            return ''
+        numbers = sorted(one.pid for one in (self._identity, *self._namesakes))
+        return f'{len(numbers)} nodes have this name: end all but one of the processes {", ".join(map(str, numbers))}'
 
     def _await_first_word(self) -> None:
         self._silent_since = max(self._runtime.steady.now(), STARTED + START_SECONDS - LEASE_SECONDS)
@@ -484,6 +519,7 @@ class _SeenToken:
 
     def _leave(self) -> None:
         self.alive, self._unheard, self._identity = False, False, None
+        self._namesakes.clear()
         self.late_since, self.says_ready, self.problem = None, False, ''
         self._inform()
         self.release()

@@ -314,6 +314,22 @@ def test_a_process_that_takes_the_place_of_one_that_is_stopped_begins_anew() -> 
                 another.kill()
 
 
+@pytest.mark.parametrize('end', [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize('is_first', [True, False])
+def test_two_processes_of_one_name_are_late_until_one_of_them_ends(is_first: bool, end: signal.Signals) -> None:
+    with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as first:
+        told = Told(runtime)
+        assert told.next() == ('alive', True)
+        with start() as second:
+            assert [told.next() for _ in range(2)] == [('alive', False), ('alive', True)]
+            assert told.next() == ('late', True)
+            assert str(first.pid) in told.watch.problem and str(second.pid) in told.watch.problem
+            (first if is_first else second).send_signal(end)
+            wait_until(lambda: told.watch.alive and not told.watch.late, 'the one that is left')
+            second.kill()
+            first.kill()
+
+
 def test_a_thread_that_does_not_answer_makes_the_process_late_with_the_reason() -> None:
     blocked, go_on = threading.Event(), threading.Event()
 
