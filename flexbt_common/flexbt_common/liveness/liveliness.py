@@ -391,7 +391,7 @@ class _SeenToken:
         self.late_since: float | None = None
         self.says_ready = False
         self.why_unready = ''
-        self.problem = ''
+        self.problem = self._hang = ''
         self.listeners: list[Callable[[], None]] = []
         self._identity: ProcessIdentity | None = None
         self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
@@ -447,32 +447,30 @@ class _SeenToken:
         if status.level == DiagnosticStatus.ERROR:
             if self.is_there and holder in (None, identity):
                 self._leave()
-            self._namesakes.pop(identity, None)
+            elif self._namesakes.pop(identity, None) is not None:
+                self._review()
             return
         if holder is not None and identity != holder:
             if identity in self._replaced and now < self._heard_at + _WORDLESS_SECONDS and not holder.has_ended():
                 self._namesakes[identity] = now
-                self._tell_problem(self._several(), now)
                 self._review()
                 return
             self._replace(holder)  # before it was missed
-        problem = status.message if status.level == DiagnosticStatus.STALE else self._several()
+            if not self.listeners:
+                return  # nobody has watched any more
         if not self.alive and not self._is_asserted:
             self._await_first_word()
-        if not problem and not self._is_asserted:
+        hangs = status.level == DiagnosticStatus.STALE
+        if not hangs and not self._is_asserted:
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
-        self._tell_problem(problem, now)
         self._heard_at = now
         self.alive, self._unheard, self._identity = True, False, identity
         self._replaced.pop(identity, None)
+        self._namesakes.pop(identity, None)
         self.says_ready = status.level == DiagnosticStatus.OK
-        self.why_unready = '' if problem else status.message
+        self._hang = status.message if hangs else ''
+        self.why_unready = '' if hangs else status.message
         self._review()
-
-    def _tell_problem(self, problem: str, now: float) -> None:
-        if problem and not self.problem:
-            self._silent_since = now - LEASE_SECONDS
-        self.problem = problem
 
     def _replace(self, holder: ProcessIdentity) -> None:
         self._leave()
@@ -488,8 +486,8 @@ class _SeenToken:
         }
         if not self._namesakes or self._identity is None:
             return ''
-        numbers = sorted(one.pid for one in (self._identity, *self._namesakes))
-        return f'{len(numbers)} nodes have this name: end all but one of the processes {", ".join(map(str, numbers))}'
+        found = sorted(f'{one.pid}{"" if one.is_here else " elsewhere"}' for one in (self._identity, *self._namesakes))
+        return f'{len(found)} nodes have this name: end all but one of the processes {", ".join(found)}'
 
     def _await_first_word(self) -> None:
         self._silent_since = max(self._runtime.steady.now(), STARTED + START_SECONDS - LEASE_SECONDS)
@@ -520,7 +518,8 @@ class _SeenToken:
     def _leave(self) -> None:
         self.alive, self._unheard, self._identity = False, False, None
         self._namesakes.clear()
-        self.late_since, self.says_ready, self.problem = None, False, ''
+        self.late_since, self.says_ready = None, False
+        self.problem = self._hang = ''
         self._inform()
         self.release()
 
@@ -538,6 +537,9 @@ class _SeenToken:
             self._timer.cancel()
             self._timer = None
         now = self._runtime.steady.now()
+        self.problem = self._hang or self._several()
+        if self.problem:
+            self._silent_since = min(self._silent_since, now - LEASE_SECONDS)
         late_from = self._silent_since + LEASE_SECONDS
         if self._is_asserted and not self.problem:
             late_from = max(late_from, self._heard_at + _WORDLESS_SECONDS)

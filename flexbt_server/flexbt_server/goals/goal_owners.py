@@ -95,7 +95,8 @@ class GoalOwners:
         watch = self._watches.get(owner)
         if watch is None or not (watch.late or watch.alive is False):
             return ''
-        return f'{owner}, on whose behalf the tree runs, is {f"late: {watch.problem}" if watch.late else "gone"}'
+        what = ': '.join(filter(None, ('late' if watch.late else 'gone', watch.problem)))
+        return f'{owner}, on whose behalf the tree runs, is {what}'
 
     def _check(self, owner: str) -> None:
         try:
