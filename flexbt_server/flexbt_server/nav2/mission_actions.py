@@ -41,7 +41,7 @@ class NavigateToPose(ActionLeaf):
         'goal': input_port(POSE_STAMPED, description='where to drive'),
         'behavior_tree': _TREE,
     }
-    example = Example('<NavigateToPose goal="{goal}" behavior_tree="" error_msg="{why}"/>')
+    example = Example('<NavigateToPose goal="{goal}" error_msg="{why}"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal(pose=self.get_input('goal'))
@@ -124,7 +124,7 @@ class UndockRobot(ActionLeaf):
         'max_undocking_time': input_port(FLOAT, default='30.0', description='time that it may take, s'),
         'success': output_port(BOOL, description='whether the robot is undocked'),
     }
-    example = Example('<UndockRobot dock_type="charger"/>')
+    example = Example('<UndockRobot dock_type="simple_charging_dock"/>')
 
     def make_goal(self) -> Any:
         goal = self.action_type.Goal()

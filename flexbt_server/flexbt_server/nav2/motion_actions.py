@@ -77,7 +77,7 @@ class FollowPath(ActionLeaf):
             TRACKING_FEEDBACK, description='how the robot is on the path', nav2_branch='main'
         ),
     }
-    example = Example('<FollowPath path="{path}" controller_id="FollowPath" error_code_id="{code}"/>')
+    example = Example('<FollowPath path="{path}" controller_id="FollowPath" error_code_id="{follow_path_error_code}"/>')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -323,7 +323,7 @@ class FollowObject(ActionLeaf):
         'max_duration': input_port(FLOAT, default='0.0', description='how long at most, s; 0 for ever'),
         'total_elapsed_time': output_port(DURATION, description='how long it was followed'),
     }
-    example = Example('<FollowObject pose_topic="person" max_duration="60.0"/>')
+    example = Example('<FollowObject pose_topic="person_pose" max_duration="60.0"/>')
 
     def make_goal(self) -> Any:
         return self.action_type.Goal(

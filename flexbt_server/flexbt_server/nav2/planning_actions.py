@@ -46,7 +46,7 @@ class ComputePathToPose(ActionLeaf):
         ),
         'path': output_port(PATH, description='the path; empty when there is none'),
     }
-    example = Example('<ComputePathToPose goal="{goal}" planner_id="GridBased" path="{path}" error_code_id="{code}"/>')
+    example = Example('<ComputePathToPose goal="{goal}" path="{path}" error_code_id="{compute_path_error_code}"/>')
 
     def make_goal(self) -> Any:
         start = self.get_input_or('start', None)
