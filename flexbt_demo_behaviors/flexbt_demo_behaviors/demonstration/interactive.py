@@ -61,9 +61,9 @@ def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
 
 
 def tell_ended(group: ProcessGroup) -> None:
-    """Print which processes have died since that was told last; a program may also have come to its end."""
+    """Print which processes have died since that was told last."""
     for process in group.take_ended():
-        if process.exit_code != 0 or process.is_respawned:
+        if process.exit_code != 0 or not process.may_end:
             print(process.report(), file=sys.stderr, flush=True)
 
 

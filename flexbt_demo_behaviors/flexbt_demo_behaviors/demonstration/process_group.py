@@ -39,6 +39,8 @@ class EndedProcess:
     exit_code: int
     log: Path
     is_respawned: bool = False
+    may_end: bool = True
+    """Whether it is a program that comes to its end; what is started again is none."""
 
     def report(self) -> str:
         """What happened, for a person: which process, how it ended, and the end of its output."""
@@ -125,10 +127,10 @@ class ProcessGroup:
             listener(process)
 
     def take_ended(self) -> list[EndedProcess]:
-        """The processes that have ended untold since the last call; of each its last end."""
+        """The processes that have ended untold since the last call: of each its last end, or its last crash."""
         with self._lock:
             ended, self._taken = self._ended[self._taken :], len(self._ended)
-        return list({process.name: process for process in ended}.values())
+        return list({process.name: process for process in sorted(ended, key=lambda one: one.exit_code != 0)}.values())
 
     def pid(self, name: str) -> int:
         """The process id of the process that was started last under `name`."""
@@ -174,7 +176,7 @@ class ProcessGroup:
                 now = time.monotonic()
                 respawns = [then for then in respawns if now - then < RESPAWN_WINDOW_S]
                 is_respawned = launch is not None and len(respawns) < RESPAWNS
-                ended = EndedProcess(name, exit_code, log, is_respawned)
+                ended = EndedProcess(name, exit_code, log, is_respawned, may_end=launch is None)
                 self._ended.append(ended)
                 listener = self._listener
             if listener is not None:
