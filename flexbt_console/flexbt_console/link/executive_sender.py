@@ -8,58 +8,56 @@ from typing import Final
 
 from flexbt_common.runtime import UNKNOWN_WRITER
 
+RETURN_SECONDS: Final = 15.0
+"""For so long one that was replaced is still expected: its computer was busy, or its process was stopped."""
+
 _LOOK_SECONDS: Final = 0.2
-_MOST_REPLACED: Final = 64
+_MOST_REPLACED: Final = 16
 
 
 class ExecutiveSender:
     """Tells the messages of the executive from those that others write under its topics.
 
-    One that is silent is replaced by the next that is heard: it may have been started again, and the middleware needs
-    long to see that a process was killed. When it is heard once more, it was late, and is the executive again.
+    One that is silent is replaced by the next whose status is heard: it may have been started again, and the middleware
+    needs long to see that a process was killed. When it is heard once more soon, it was late, and is the executive
+    again.
 
     ``is_there`` says whether a participant of the domain still publishes statuses, ``is_silent`` whether the one that
-    is shown should have been heard again by now; ``now`` is in seconds. ``on_replaced`` is called when a status comes
-    from another one than those before.
+    is shown should have been heard again by now; ``now`` is in seconds.
     """
 
     def __init__(
-        self,
-        is_there: Callable[[bytes], bool],
-        is_silent: Callable[[], bool],
-        now: Callable[[], float],
-        on_replaced: Callable[[], object],
+        self, is_there: Callable[[bytes], bool], is_silent: Callable[[], bool], now: Callable[[], float]
     ) -> None:
         self._participant = UNKNOWN_WRITER
-        self._replaced: list[bytes] = []  # one after the other, by the next or by the one that is heard
+        self._replaced: dict[bytes, float] = {}  # until when each may return, in their order
         self._is_there = is_there
         self._is_silent = is_silent
         self._now = now
-        self._on_replaced = on_replaced
         self._there_until = now()
 
-    def has_sent(self, participant: bytes, *, is_status: bool = False) -> bool:
-        """Whether what a participant has sent is the executive's. Only a status makes another one the executive."""
+    def has_sent(self, participant: bytes) -> bool:
+        """Whether what a participant has sent is the executive's."""
         if UNKNOWN_WRITER in (participant, self._participant) or participant == self._participant:
-            is_its = True
-        elif participant in self._replaced:
-            is_its = is_status
-        else:
-            is_its = self._is_silent() or not self._is_still_there()
-        if is_its and is_status:
-            self._follow(participant)
-        return is_its
+            return True
+        if self._now() < self._replaced.get(participant, 0.0):
+            return True
+        return self._is_silent() or not self._is_still_there()
 
-    def _follow(self, participant: bytes) -> None:
+    def follow(self, participant: bytes) -> bool:
+        """A participant has sent a status that is the executive's; whether it is another one than those before."""
         before, self._participant = self._participant, participant
-        if participant == before or before == UNKNOWN_WRITER:
-            return
-        if participant in self._replaced:
-            del self._replaced[self._replaced.index(participant) :]
+        if participant == before or UNKNOWN_WRITER in (participant, before):
+            return False
+        now = self._now()
+        self._replaced = {one: until for one, until in self._replaced.items() if now < until}
+        if participant in self._replaced:  # those that came after it were in its place
+            senior = list(self._replaced)
+            self._replaced = {one: self._replaced[one] for one in senior[: senior.index(participant)]}
         elif len(self._replaced) < _MOST_REPLACED:
-            self._replaced.append(before)
-        self._there_until = self._now()
-        self._on_replaced()
+            self._replaced[before] = now + RETURN_SECONDS
+        self._there_until = now
+        return True
 
     def _is_still_there(self) -> bool:
         """Looked for some times a second, however many messages come: it takes as long as a message."""

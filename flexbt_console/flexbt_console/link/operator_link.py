@@ -9,6 +9,7 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
@@ -19,7 +20,14 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
+from flexbt_common.runtime import (
+    UNKNOWN_WRITER,
+    NodeRuntime,
+    Received,
+    ReceivedMessages,
+    SenderRates,
+    writer_name,
+)
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.mirror import (
@@ -77,8 +85,11 @@ STATUS_RATE: Final = 100.0
 STATUS_BURST: Final = 200
 """Statuses that are taken from one participant at once after a quiet time."""
 
-STATUS_DEPTH: Final = 100
-"""Statuses that wait to be taken, from all participants: a flood must not drive the executive's own out."""
+STATUS_DEPTH: Final = 20
+"""Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
+
+STATUS_BYTES: Final = 4_000_000
+"""Bytes of a status, at most."""
 
 TELL_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
@@ -107,8 +118,7 @@ class OperatorLink:
         self._command_topic = self._topic(names.EXECUTIVE_COMMAND)
         self._runtime = runtime
         self._mirror = mirror
-        self._changed = threading.Condition()
-        self._changes = 0
+        self._waiting: set[SimpleQueue[None]] = set()
         self._resend: Timer | None = None
         self._executives = 0
         self._reachable = False
@@ -117,7 +127,6 @@ class OperatorLink:
             lambda participant: bool(writer_name(runtime.node, self._status_topic, participant)),
             mirror.is_silent,
             runtime.steady.now,
-            mirror.sender_replaced,
         )
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
         mirror.add_listener(self._note_change)
@@ -142,20 +151,23 @@ class OperatorLink:
         """
         clock = self._runtime.steady
         deadline = None if timeout is None else clock.now() + timeout
-        while True:
-            with self._changed:
-                changes = self._changes
-            found = inspect(self._mirror.view())
-            if found is not None:
-                return found
-            now = clock.now()
-            if deadline is not None and now >= deadline:
-                return None
-            times = (deadline, self._mirror.next_link_change(), None if every is None else now + every)
-            limits = [time for time in times if time is not None]
-            wait = max(0.0, min(limits) - now) if limits else None
-            with self._changed:
-                self._changed.wait_for(lambda seen=changes: self._changes != seen, wait)  # type: ignore[misc]
+        # A signal that raises may come at any point: a condition would then be left without its lock.
+        changed: SimpleQueue[None] = SimpleQueue()
+        self._waiting.add(changed)
+        try:
+            while True:
+                found = inspect(self._mirror.view())
+                if found is not None:
+                    return found
+                now = clock.now()
+                if deadline is not None and now >= deadline:
+                    return None
+                times = (deadline, self._mirror.next_link_change(), None if every is None else now + every)
+                limits = [time for time in times if time is not None]
+                with contextlib.suppress(Empty):
+                    changed.get(timeout=max(0.0, min(limits) - now) if limits else None)
+        finally:
+            self._waiting.discard(changed)
 
     def live_view(self, timeout: float) -> View:
         """The picture, as soon as it is live.
@@ -274,7 +286,7 @@ class OperatorLink:
             self._status_topic,
             names.latched(STATUS_DEPTH),
             self._on_status,
-            MESSAGE_BYTES,
+            STATUS_BYTES,
             event_callbacks=matched,
         )
         self._pings = node.create_publisher(
@@ -306,15 +318,15 @@ class OperatorLink:
         self, message_type: Any, topic: str, convert: Callable[[Any], Any], receive: Callable[[Any], object]
     ) -> Callable[[Received], None]:
         def on_message(received: Received) -> None:
-            message = self._unpacked(received, message_type, topic, is_status=False)
+            message = self._unpacked(received, message_type, topic)
             if message is not None:
                 receive(convert(message))
 
         return on_message
 
-    def _unpacked(self, received: Received, message_type: Any, topic: str, *, is_status: bool) -> Any | None:
+    def _unpacked(self, received: Received, message_type: Any, topic: str) -> Any | None:
         """A message of the executive; None for what others have sent, and for what is none."""
-        if not self._sender.has_sent(received.participant, is_status=is_status):
+        if not self._sender.has_sent(received.participant):
             return None  # that there are several senders is told when they come, see _find_problems
         try:
             message = received.unpack(message_type)
@@ -326,12 +338,15 @@ class OperatorLink:
         return message
 
     def _on_status(self, received: Received) -> None:
-        if not self._status_rates.allows(received.participant):
+        participant = received.participant
+        if participant != UNKNOWN_WRITER and not self._status_rates.allows(participant):
             self._statuses.blame(received)
             return
-        message = self._unpacked(received, ExecutiveStatus, self._status_topic, is_status=True)
+        message = self._unpacked(received, ExecutiveStatus, self._status_topic)
         if message is None:
             return
+        if self._sender.follow(participant):
+            self._mirror.sender_replaced()
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
         self._mirror.receive_snapshot(snapshot_record(message), transit)
         if self._mirror.wants_ping():
@@ -381,9 +396,9 @@ class OperatorLink:
             self._resend = self._runtime.steady.call_at(due, lambda: self._runtime.post(self._send_due))
 
     def _note_change(self, change: Change) -> None:
-        with self._changed:
-            self._changes += 1
-            self._changed.notify_all()
+        for changed in tuple(self._waiting):
+            if changed.empty():
+                changed.put(None)
 
 
 def no_link_text(view: View, when: str) -> str:

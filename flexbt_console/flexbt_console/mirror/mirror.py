@@ -276,6 +276,8 @@ class Mirror:
             self._newest.clear()
             self._sent = None
             self._freshness.start_over()
+            self._standstill = StandstillWatch()
+            self._surroundings = replace(self._surroundings, driven=())
 
     def set_problem(self, problem: str) -> None:
         """Say what is wrong with the link (empty: nothing), e.g. that both sides are of different versions."""

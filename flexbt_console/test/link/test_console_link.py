@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -129,7 +130,7 @@ def test_what_an_executive_sends_has_a_bound_for_each_field(capfd: pytest.Captur
             for sent, is_taken in ((kind(), True), (message, False)):
                 data = serialize_message(sent)
                 received = Received(data, len(data), UNKNOWN_WRITER, 0.0)
-                taken = link._unpacked(received, kind, kind.__name__, is_status=kind is ExecutiveStatus)
+                taken = link._unpacked(received, kind, kind.__name__)
                 assert (taken is not None) is is_taken, f'{kind.__name__}.{path}'
     assert 'BehaviorList: left aside: executive_id has 2000000 characters' in capfd.readouterr().err
 
@@ -280,6 +281,47 @@ def test_the_end_and_the_return_of_the_executive_are_seen() -> None:
             assert [entry.id for entry in again.applied] == [level.id]
             assert [entry.executive_id for entry in executive.received] == [executive.status.executive_id]
             assert again.applied[0].executive_id == again.status.executive_id
+
+
+def test_a_signal_that_raises_can_come_at_any_point_of_a_wait() -> None:
+    """As Ctrl-C in line mode does: nothing but it comes out, and no lock is lost."""
+
+    class Interrupted(KeyboardInterrupt):
+        pass
+
+    is_armed, is_over = [False], threading.Event()  # a lock of the test's own could be lost as well
+
+    def interrupt(*_: Any) -> None:
+        if is_armed[0]:
+            is_armed[0] = False
+            raise Interrupted
+
+    main = threading.main_thread().ident
+    assert main is not None
+    before = signal.signal(signal.SIGUSR2, interrupt)
+    with station('interrupted') as operator, ThreadPoolExecutor() as pool:
+
+        def change() -> None:
+            while not is_over.is_set():
+                operator.mirror.sender_gone()
+
+        def send() -> None:
+            while not is_over.wait(0.001):
+                signal.pthread_kill(main, signal.SIGUSR2)
+
+        work = [pool.submit(change), pool.submit(send)]
+        try:
+            for _ in range(500):
+                with pytest.raises(Interrupted):
+                    is_armed[0] = True
+                    operator.link.wait_for(lambda view: None, DEADLINE)
+        finally:
+            is_armed[0] = False
+            is_over.set()
+            for one in work:
+                one.result(DEADLINE)
+            signal.signal(signal.SIGUSR2, before)
+        assert operator.link.wait_for(lambda view: view, DEADLINE)
 
 
 @pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')

@@ -41,6 +41,18 @@ def test_an_output_that_does_not_fit_onto_its_disk_is_told(
     assert capfd.readouterr().err == 'console: the output is not whole: No space left on device\n'
 
 
+def test_what_lost_its_lock_to_a_signal_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(line: Any) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            raise RuntimeError('cannot release un-acquired lock')
+
+    monkeypatch.setattr('flexbt_console.ui.console._run', run)
+    with restored_signals():
+        assert (main(['watch']), main(['status'])) == (ExitCode.OK, ExitCode.INTERRUPTED)
+
+
 @pytest.fixture
 def executive(executives: Any) -> ScriptedExecutive:
     started = executives(NAMESPACE)

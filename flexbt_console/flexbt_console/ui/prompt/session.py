@@ -322,6 +322,8 @@ class Prompt:
 
     def _refresh(self) -> None:
         self._refresh_planned = False
+        if self._ended:
+            return
         view = self._mirror.view()
         self._attention.pending([view])
         self._do_held()
