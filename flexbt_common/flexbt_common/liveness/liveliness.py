@@ -461,7 +461,7 @@ class _SeenToken:
         if not self.alive and not self._is_asserted:
             self._await_first_word()
         hangs = status.level == DiagnosticStatus.STALE
-        if not hangs and not self._is_asserted:
+        if not (hangs or self._namesakes or self._is_asserted):
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
         self._heard_at = now
         self.alive, self._unheard, self._identity = True, False, identity
@@ -537,9 +537,10 @@ class _SeenToken:
             self._timer.cancel()
             self._timer = None
         now = self._runtime.steady.now()
-        self.problem = self._hang or self._several()
-        if self.problem:
-            self._silent_since = min(self._silent_since, now - LEASE_SECONDS)
+        problem = self._hang or self._several()
+        if problem and not self.problem:
+            self._silent_since = now - LEASE_SECONDS
+        self.problem = problem
         late_from = self._silent_since + LEASE_SECONDS
         if self._is_asserted and not self.problem:
             late_from = max(late_from, self._heard_at + _WORDLESS_SECONDS)

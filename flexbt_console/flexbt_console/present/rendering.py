@@ -364,7 +364,7 @@ def command_result_lines(tracked: TrackedCommand) -> list[str]:
     if tracked.state is CommandState.APPLIED:
         text = [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
     elif tracked.state is CommandState.PENDING:
-        text = [f'{name}: {"sent, no answer yet" if tracked.sends else "waits to be sent: nobody takes commands"}']
+        text = [f'{name}: sent, no answer yet']
     else:
         first, *more = lines(tracked.reason)
         end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'
