@@ -466,7 +466,6 @@ class _SeenToken:
         self._heard_at = now
         self.alive, self._unheard, self._identity = True, False, identity
         self._replaced.pop(identity, None)
-        self._namesakes.pop(identity, None)
         self.says_ready = status.level == DiagnosticStatus.OK
         self._hang = status.message if hangs else ''
         self.why_unready = '' if hangs else status.message

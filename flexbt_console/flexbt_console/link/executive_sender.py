@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import takewhile
 from typing import Final
 
 from flexbt_common.runtime import UNKNOWN_WRITER
@@ -52,8 +53,7 @@ class ExecutiveSender:
         now = self._now()
         self._replaced = {one: until for one, until in self._replaced.items() if now < until}
         if participant in self._replaced:  # those that came after it were in its place
-            senior = list(self._replaced)
-            self._replaced = {one: self._replaced[one] for one in senior[: senior.index(participant)]}
+            self._replaced = dict(takewhile(lambda entry: entry[0] != participant, self._replaced.items()))
         elif len(self._replaced) < _MOST_REPLACED:
             self._replaced[before] = now + RETURN_SECONDS
         self._there_until = now

@@ -5,14 +5,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from .attention import Attention
-from .sent_commands import SOON_SECONDS, SentCommands
+from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
 
 __all__ = [
     'CHANGED',
     'REACTION_SECONDS',
-    'SOON_SECONDS',
     'Attention',
     'Bound',
     'Local',

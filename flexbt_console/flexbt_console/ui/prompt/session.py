@@ -47,7 +47,6 @@ from flexbt_console.present import (
     tone_of,
 )
 from flexbt_console.ui.interaction import (
-    SOON_SECONDS,
     Attention,
     Bound,
     Local,
@@ -260,7 +259,6 @@ class Prompt:
             if meaning.command is not None:
                 self._link.send(self._attention.measured(meaning.command), self._timeout, meaning.label)
                 self._sent.add(self._mirror, meaning.command.id)
-                self._loop.call_later(SOON_SECONDS, self._refresh)
         return True
 
     def _do_held(self) -> None:
