@@ -3,13 +3,14 @@
 # Given as CMAKE_PROJECT_INCLUDE. With ROS installed nothing of this is used: everything is generated the ordinary way.
 include_guard(DIRECTORY)
 
+# Copied, which CMake does at once; for symbolic links ament starts a program for each file. Said before any package is
+# found, since ament_cmake decides then.
+set(AMENT_CMAKE_SYMLINK_INSTALL OFF)
+
 # For Python alone: not the C++ interfaces, which nothing here uses, and which take most of the time of a compiler.
 # What the package finds a second time stays as it is now.
 find_package(rosidl_default_generators QUIET)
 list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
-
-# Copied, which CMake does at once; for symbolic links it starts a script of hundreds of commands.
-set(AMENT_CMAKE_SYMLINK_INSTALL OFF)
 
 # Several generated files are compiled as one: what takes the time is the headers that all of them include.
 # Not the *__description.c, which define constants of the same names.
