@@ -110,7 +110,7 @@ class ServedGoal:
         """Have ``fn`` called when ``cancel_requested`` begins to hold, as long as the goal has not ended."""
         self._on_cancel.append(fn)
 
-    def tell_cancel(self) -> None:
+    def notify_cancel(self) -> None:
         """Call those who asked for it; for the server."""
         waiting, self._on_cancel = self._on_cancel, []
         for fn in waiting:
@@ -137,7 +137,7 @@ class ServedGoal:
         """Take the goal from who works on it, for whom it is as if canceled: what he says of it is not told."""
         self._active, self._withdrawn = False, True
 
-    def anew(self) -> ServedGoal:
+    def as_accepted(self) -> ServedGoal:
         """The goal as it was when it was accepted, for who works on it next."""
         return ServedGoal(self._server, self._handle)
 
@@ -215,7 +215,7 @@ class GoalServer:
         for goal in list(self._goals.values()):
             if goal.active and (fault.hangs or fault.failure is not None):
                 self._withdraw(goal)
-        self._server.hold_cancels(fault.hangs, self._begin_anew)
+        self._server.hold_cancels(fault.hangs, self._begin_again)
 
     @property
     def busy(self) -> bool:
@@ -229,7 +229,7 @@ class GoalServer:
         for goal in list(self._goals.values()):
             if goal.active:
                 self._withdraw(goal)
-            end(goal.anew(), self._action_type.Result())
+            end(goal.as_accepted(), self._action_type.Result())
 
     def _admit(self, _request: Any) -> GoalResponse:
         refusal = self._admission.refusal or self._fault.refusal
@@ -257,23 +257,23 @@ class GoalServer:
             else:
                 self._on_goal(goal)
                 if goal.cancel_requested:  # while it was withdrawn
-                    self._tell_cancel(goal)
+                    self._notify_cancel(goal)
         except LimitExceededError as error:
             goal.abort(self._refused(str(error)))
         except Exception as error:
             self._runtime.report_fault(error, f'goal of {self._name}')
             goal.abort(self._refused(sendable(f'fault in the server: {error!r}', _FAULT_LIMIT)))
 
-    def _begin_anew(self) -> None:
+    def _begin_again(self) -> None:
         for goal in [goal for goal in self._goals.values() if not goal.active]:
-            self._begin(goal.anew())
+            self._begin(goal.as_accepted())
 
     def _withdraw(self, goal: ServedGoal) -> None:
         goal.withdraw()
-        self._tell_cancel(goal)
+        self._notify_cancel(goal)
 
-    def _tell_cancel(self, goal: ServedGoal) -> None:
-        goal.tell_cancel()
+    def _notify_cancel(self, goal: ServedGoal) -> None:
+        goal.notify_cancel()
         if self._on_cancel is not None:
             self._on_cancel(goal)
 
@@ -282,7 +282,7 @@ class GoalServer:
         if not self._cancelable or goal is None:
             return CancelResponse.REJECT
         # rclpy makes the goal CANCELING only after this callback.
-        self._runtime.post(lambda: self._tell_cancel(goal) if goal.active else None)
+        self._runtime.post(lambda: self._notify_cancel(goal) if goal.active else None)
         return CancelResponse.ACCEPT
 
 

@@ -2,7 +2,7 @@
 """What command-line programs share."""
 
 from .signals import restored_signals
-from .streams import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, tells_full_output
+from .streams import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, report_full_output
 from .user_files import USER_DIRECTORY, home_path, node_file
 
 __all__ = [
@@ -13,6 +13,6 @@ __all__ = [
     'keep_stdout_for_python',
     'make_streams_safe',
     'node_file',
+    'report_full_output',
     'restored_signals',
-    'tells_full_output',
 ]

@@ -30,7 +30,7 @@ def is_full(error: OSError) -> bool:
     return error.errno in _FULL
 
 
-def tells_full_output(program: str, error: OSError) -> bool:
+def report_full_output(program: str, error: OSError) -> bool:
     """Whether an error is that the output does not fit onto its disk; it is told then, and nothing more is written."""
     if not is_full(error):
         return False

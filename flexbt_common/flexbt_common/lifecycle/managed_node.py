@@ -37,7 +37,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import DeepNode, NodeRuntime, let_go_of_lifecycle, refuse_while_configured, run_node
+from flexbt_common.runtime import DeepNode, NodeRuntime, refuse_while_configured, release_lifecycle, run_node
 from flexbt_core.errors import FlexbtError
 
 from .diagnostics import DiagnosticsPublisher, diagnostic_status
@@ -231,7 +231,7 @@ class ManagedNode(DeepNode, LifecycleNode):
         self._transitions.shutdown(wait=False, cancel_futures=True)  # one is asked for, and the node was never managed
         self._is_managed.set()
         super().destroy_node()
-        let_go_of_lifecycle(self)
+        release_lifecycle(self)
 
     async def _on_change_state(self, request: Any, response: Any) -> Any:
         done = Future(executor=self.executor)

@@ -12,7 +12,7 @@ from .rclpy_private import (
     OpenActionClient,
     OpenActionServer,
     is_usable,
-    let_go_of_lifecycle,
+    release_lifecycle,
 )
 from .received_messages import (
     UNKNOWN_NODE,
@@ -20,13 +20,13 @@ from .received_messages import (
     Received,
     ReceivedMessages,
     participant_of,
-    tells_writers,
+    reports_writers,
     writer_name,
 )
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
-from .simulated_time import HeardTime, hear_of_time_senders
+from .simulated_time import ListeningTime, watch_clock_publishers
 
 __all__ = [
     'ACTION_CLIENT',
@@ -38,8 +38,8 @@ __all__ = [
     'DeepNode',
     'Hang',
     'Health',
-    'HeardTime',
     'LatestMessage',
+    'ListeningTime',
     'Loop',
     'NodeRuntime',
     'OpenActionClient',
@@ -50,14 +50,14 @@ __all__ = [
     'RosClock',
     'SenderRates',
     'Watched',
-    'hear_of_time_senders',
     'ignore_participant',
     'is_usable',
-    'let_go_of_lifecycle',
     'participant_of',
     'refuse_while_configured',
+    'release_lifecycle',
+    'reports_writers',
     'resolve_file',
     'run_node',
-    'tells_writers',
+    'watch_clock_publishers',
     'writer_name',
 ]

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-__all__ = ['give_back_large_messages', 'is_dynamic']
+__all__ = ['is_dynamic', 'release_large_messages']
 
 _MMAP_THRESHOLD: Final = -3
 """M_MMAP_THRESHOLD of mallopt; what is larger is a mapping of its own, which free gives back."""
@@ -30,7 +30,7 @@ _SIDES: Final = ({'data_writer', 'publisher'}, {'data_reader', 'subscriber'})
 _lock: Final = threading.Lock()
 
 
-def give_back_large_messages() -> None:
+def release_large_messages() -> None:
     """Call it before a node is made: the room of the messages that it receives is given back.
 
     It is decided once for the process, by the profile that FASTRTPS_DEFAULT_PROFILES_FILE names then, if that

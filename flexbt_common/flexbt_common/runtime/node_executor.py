@@ -43,7 +43,7 @@ from flexbt_core.clock import SteadyClock
 
 from . import rclpy_private
 from .rclpy_private import OpenExecutor, Take
-from .simulated_time import LONGEST_WAIT, HeardTime, SimulatedTime, tells_time
+from .simulated_time import LONGEST_WAIT, ListeningTime, SimulatedTime, is_clock_subscription
 
 __all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
 
@@ -94,7 +94,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self._on_fault = on_fault
         self._on_turn = on_turn
         self.simulated_time = SimulatedTime(on_fault)
-        self.heard = HeardTime(SteadyClock(), node.get_clock())
+        self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
     is_lent: Final = False
@@ -107,7 +107,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
         self._on_turn()
-        self.heard.sample()
+        self.listening_time.sample()
         try:
             self.spin_once(_AWAITING_TURN if timeout is None else min(timeout, _AWAITING_TURN))
         except ExternalShutdownException:
@@ -135,7 +135,7 @@ class NodeExecutor(OpenExecutor):
         self._awaiting: list[Task] = []
         self._thread = self._lent_to = 0
         self._turn = _Turn()
-        self.heard = HeardTime(SteadyClock(), node.get_clock())
+        self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
@@ -216,22 +216,22 @@ class NodeExecutor(OpenExecutor):
             self._is_changed = True
             return
         self._on_turn()
-        self.heard.sample()
-        self.simulated_time.hear()  # first, so that no message is from the future
+        self.listening_time.sample()
+        self.simulated_time.take_newest()  # first, so that no message is from the future
         for take, entity in ready:
             self._call(take, entity)
             self._run_soon()
 
     def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
         """As that of the base."""
-        if tells_time(subscription):
-            return lambda _: self.simulated_time.hear()
+        if is_clock_subscription(subscription):
+            return lambda _: self.simulated_time.take_newest()
         return super().taking_all(subscription)
 
     def _turn_of_rclpy(self, timeout: float) -> None:
         self._forget_entities()
         self._on_turn()
-        self.heard.sample()
+        self.listening_time.sample()
         try:
             self.spin_once(timeout)
         except ExternalShutdownException:
@@ -263,7 +263,7 @@ class NodeExecutor(OpenExecutor):
         node = self._node
         for guard in node.guards:
             rclpy_private.trigger_again(guard)
-        self.simulated_time.subscription = next(filter(tells_time, node.subscriptions), None)
+        self.simulated_time.subscription = next(filter(is_clock_subscription, node.subscriptions), None)
         entities = {
             'timer': node.timers,
             'subscription': node.subscriptions,
@@ -459,7 +459,7 @@ class _Entities:
 
     def _awaited(self, subscription: Subscription) -> Callable[[], bool] | None:
         """Whether somebody waits for its messages; None: always."""
-        if tells_time(subscription):
+        if is_clock_subscription(subscription):
             return self._is_time_awaited
         is_awaited: Callable[[], bool] | None = getattr(subscription.callback, 'is_awaited', None)
         return is_awaited

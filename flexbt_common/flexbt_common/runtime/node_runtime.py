@@ -47,7 +47,7 @@ from flexbt_core.values import lines
 from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
-from .large_messages import give_back_large_messages
+from .large_messages import release_large_messages
 from .node_executor import node_executor
 from .ros_clock import RosClock
 
@@ -123,7 +123,7 @@ class NodeRuntime:
         )
         try:
             overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
-            give_back_large_messages()
+            release_large_messages()
             self.node = node_class(name, context=self._context, namespace=namespace, parameter_overrides=overrides)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
@@ -136,7 +136,7 @@ class NodeRuntime:
             self.node.get_logger().warning(warning)
         self._executor = node_executor(self.node, self._on_escaped, self.health.check_pause)
         self.simulated_time = self._executor.simulated_time
-        self.heard = self._executor.heard
+        self.listening_time = self._executor.listening_time
         self._doorbell = self.node.create_guard_condition(lambda: None)
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)
@@ -358,7 +358,7 @@ class NodeRuntime:
                 if not self._context.ok():
                     raise ExternalShutdownException from error
                 self._on_escaped(error)
-            self.heard.all_handled()
+            self.listening_time.all_handled()
             self._run_posted()
 
     def _run_posted(self) -> None:

@@ -6,7 +6,7 @@ something faster, or mends something that rclpy leaves undone. Once in a process
 looked whether rclpy still has each part, with the signature that is expected. Where one is missing, its use is left
 out as a whole, what is documented takes its place, and every node warns at its start (:func:`warnings`).
 
-The environment variable FLEXBT_STOCK_RCLPY=1 leaves out all of them. :func:`let_go_of_lifecycle` has no private name:
+The environment variable FLEXBT_STOCK_RCLPY=1 leaves out all of them. :func:`release_lifecycle` has no private name:
 it finds an attribute by its type, and does nothing where there is none.
 """
 
@@ -314,7 +314,7 @@ class OpenActionServer(ActionServer):
 # -------------------------------------------------------------------------------------------------------- lifecycle
 
 
-def let_go_of_lifecycle(node: Node) -> None:
+def release_lifecycle(node: Node) -> None:
     """Take what the lifecycle of a node has in the graph out of it, after the node is destroyed.
 
     rclpy's state machine, a compiled object, keeps the services of the lifecycle, and with them the participant and

@@ -33,7 +33,7 @@ __all__ = [
     'Received',
     'ReceivedMessages',
     'participant_of',
-    'tells_writers',
+    'reports_writers',
     'writer_name',
 ]
 
@@ -191,7 +191,7 @@ def writer_name(node: Node, topic: str, writer: bytes) -> str:
     return ''
 
 
-def tells_writers() -> bool:
+def reports_writers() -> bool:
     """Whether messages come with their writers in this process."""
     return is_usable(EXECUTOR) and _Taker.make() is not None
 

@@ -72,14 +72,14 @@ class RosClock:
 
     def now(self) -> float:
         """Time in seconds; never goes back."""
-        self._runtime.simulated_time.hear()
+        self._runtime.simulated_time.take_newest()
         now = self._now()
         self._asked = True
         return now / _NANOSECONDS
 
     def stamp(self) -> Time:
         """The present ROS time, for the header of a message."""
-        self._runtime.simulated_time.hear()
+        self._runtime.simulated_time.take_newest()
         return self._ros_clock.now().to_msg()
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:

@@ -45,7 +45,7 @@ class SimulatedTime:
         self._lock = threading.RLock()
         self._stands_still = False
 
-    def hear(self) -> None:
+    def take_newest(self) -> None:
         """Take the newest message, if there is one that was not taken yet.
 
         Where somebody is about that, or has the time stand still, it is left to them.
@@ -81,7 +81,7 @@ class SimulatedTime:
             subscription.callback(taken[0])
 
 
-class HeardTime:
+class ListeningTime:
     """For how long a node has been there to hear what others say, s, on the executor thread.
 
     Time counts as far as both the wall's clock and that of the node have gone on from one look of the executor to the
@@ -116,11 +116,11 @@ class HeardTime:
         self.handled = self.looked
 
 
-def hear_of_time_senders(node: Node, on_change: Callable[[], object]) -> None:
+def watch_clock_publishers(node: Node, on_change: Callable[[], object]) -> None:
     """Have ``on_change`` called on the executor thread, within a second, when somebody who tells the simulated time has
     come or gone; never where time is not simulated when this is called, on the executor thread.
     """
-    for subscription in filter(tells_time, node.subscriptions):
+    for subscription in filter(is_clock_subscription, node.subscriptions):
         callbacks = SubscriptionEventCallbacks(matched=lambda _event: on_change(), use_default_callbacks=False)
         handlers = callbacks.create_event_handlers(
             subscription.callback_group, subscription.handle, subscription.topic_name
@@ -130,6 +130,6 @@ def hear_of_time_senders(node: Node, on_change: Callable[[], object]) -> None:
             node.add_waitable(handler)
 
 
-def tells_time(subscription: Subscription) -> bool:
+def is_clock_subscription(subscription: Subscription) -> bool:
     """Whether it is the one by which rclpy's clocks get the simulated time."""
     return isinstance(getattr(subscription.callback, '__self__', None), TimeSource)

@@ -29,7 +29,7 @@ from flexbt_common.liveness import (
     liveliness,
 )
 from flexbt_common.liveness.liveliness import REPEAT_SECONDS
-from flexbt_common.runtime import Hang, NodeRuntime, tells_writers
+from flexbt_common.runtime import Hang, NodeRuntime, reports_writers
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
@@ -124,7 +124,7 @@ def test_death_and_return_are_noticed(name: str) -> None:
                 assert not alive and shown() is False
                 assert noticed < limit
                 ended.add(token)
-                if tells_writers():
+                if reports_writers():
                     process.wait(DEADLINE)
                     assert all(map(watch.has_ended, ended))
         watch.close()

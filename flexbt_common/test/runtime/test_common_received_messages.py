@@ -16,7 +16,7 @@ from flexbt_common.runtime import (
     Received,
     ReceivedMessages,
     ignore_participant,
-    tells_writers,
+    reports_writers,
     writer_name,
 )
 from flexbt_testing.waiting import wait_until
@@ -55,7 +55,7 @@ def receiver() -> Iterator[Receiver]:
         yield Receiver(runtime)
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_the_writer_of_a_message_is_known_and_what_is_too_large_is_not_unpacked(receiver: Receiver) -> None:
     first, second = Sender('first'), Sender('second')
     try:
@@ -112,7 +112,7 @@ def test_without_the_private_parts_of_rclpy_writers_are_unknown(monkeypatch: pyt
             sender.runtime.close()
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_nothing_more_is_heard_of_a_participant_that_is_ignored(receiver: Receiver) -> None:
     bad, good = Sender('bad'), Sender('good')
     try:

@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time as RosTime
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from flexbt_common.runtime import HeardTime, NodeRuntime, is_usable
+from flexbt_common.runtime import ListeningTime, NodeRuntime, is_usable
 from flexbt_common.runtime.rclpy_private import EXECUTOR
 from flexbt_common.runtime.simulated_time import LONGEST_WAIT
 from flexbt_core.clock import ManualClock, Timer, WakeEvent
@@ -76,7 +76,7 @@ def test_a_node_that_waits_for_no_time_is_not_woken_by_it(simulation: Simulation
 
 def test_others_are_silent_only_as_long_as_wall_and_world_go_on() -> None:
     wall, world = ManualClock(), ROSClock()
-    heard = HeardTime(wall, world)
+    heard = ListeningTime(wall, world)
 
     def after(seconds: float, simulated: float | None = None) -> float:
         """What counts of so much wall time, in which simulated time comes to be this."""

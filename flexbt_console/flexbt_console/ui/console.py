@@ -18,7 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from flexbt_common.cli import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, tells_full_output
+from flexbt_common.cli import abandon_stdout, is_full, keep_stdout_for_python, make_streams_safe, report_full_output
 from flexbt_console.commands import (
     SCAN_PERIOD,
     CommandBuilder,
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         abandon_stdout()
         return ExitCode.OK
     except OSError as error:
-        if not tells_full_output('console', error):
+        if not report_full_output('console', error):
             raise
         return ExitCode.FAULT
 

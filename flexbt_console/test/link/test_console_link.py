@@ -18,7 +18,7 @@ from simulation_interfaces.msg import Result as SimulationResult
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity
 
 from flexbt_common import names
-from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, tells_writers
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, reports_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
@@ -324,7 +324,7 @@ def test_a_signal_that_raises_can_come_at_any_point_of_a_wait() -> None:
         assert operator.link.wait_for(lambda view: view, DEADLINE)
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executives: Any) -> None:
     executive = executives('forged')
     with station('forged') as operator, NodeRuntime.open('forger', namespace='forged') as forger:
@@ -350,7 +350,7 @@ def test_what_others_publish_as_the_executive_does_not_touch_the_picture(executi
         assert operator.state_of(level) is CommandState.APPLIED
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_an_executive_that_was_late_gets_its_picture_back_from_one_that_floods(executives: Any) -> None:
     executive = executives('late')
     with station('late') as operator, NodeRuntime.open('forger', namespace='late') as forger:

@@ -3,8 +3,8 @@
 
 from .clock import Clock, ManualClock, SteadyClock, Timer, seconds_asleep
 from .timer_queue import TimerQueue
-from .told_when_late import told_when_late
 from .wake_event import WakeEvent
+from .watchdog import watchdog
 from .work_thread import LateWork, WorkThread
 
 __all__ = [
@@ -17,5 +17,5 @@ __all__ = [
     'WakeEvent',
     'WorkThread',
     'seconds_asleep',
-    'told_when_late',
+    'watchdog',
 ]

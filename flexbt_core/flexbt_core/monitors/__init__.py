@@ -9,7 +9,7 @@ own. Each remembers a few bits, and takes next to no time for an event. ::
 """
 
 from .machine_monitor import MachineMonitor, Resources, declared_resources
-from .monitoring import MOST_TOLD, Findings, Monitoring, told
+from .monitoring import MOST_TOLD, Findings, Monitoring, violation_text
 from .properties import Property, Violation, shared_actuators
 from .requirement_text import (
     RequirementError,
@@ -72,7 +72,7 @@ __all__ = [
     'problems_with',
     'read_requirements',
     'shared_actuators',
-    'told',
     'tree_vocabulary',
     'violation_of',
+    'violation_text',
 ]

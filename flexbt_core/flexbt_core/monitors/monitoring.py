@@ -53,7 +53,7 @@ class Findings:
         self._tell(violation)
 
 
-def told(violation: Violation) -> str:
+def violation_text(violation: Violation) -> str:
     """A violation for operators."""
     rule = '' if violation.property is Property.REQUIREMENT else f' (it should be: {violation.property.value})'
     return f'monitor: {violation.text}{rule}'

@@ -15,16 +15,16 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 from flexbt_core.roaml.language import (
     FIELD,
-    AllLots,
     Around,
     Automaton,
     Branches,
-    Drawn,
+    Draws,
+    EnumeratedDraws,
     Events,
     Local,
-    Lots,
     ManyValuesError,
     ModelFault,
+    SampledDraws,
     Send,
     Write,
     bt_event,
@@ -113,9 +113,9 @@ class ModelSystem:
         self._keeps_ticking = keeps_ticking
         self._clock = clock
         self.draws = False
-        self._drawn = Drawn(draw)
-        self._lots: Lots = self._drawn
-        self._empty = Around({}, self._lots)
+        self._drawn = SampledDraws(draw)
+        self._random: Draws = self._drawn
+        self._empty = Around({}, self._random)
         self._draw_any = {number for number, automaton in enumerate(automata) if automaton.draws}
         self._places = {event: place for place, event in enumerate(watched)}
         self._of_tree: set[int] = set()
@@ -153,8 +153,8 @@ class ModelSystem:
         if automaton.uid and self.tree is not None:
             inputs = self.tree[state.tree[0]].inputs.get(automaton.uid)
         if inputs is None:
-            return self._empty if self._lots is self._drawn else Around({}, self._lots)
-        return Around(inputs, self._lots)
+            return self._empty if self._random is self._drawn else Around({}, self._random)
+        return Around(inputs, self._random)
 
     def _all(self, number: int, run: Callable[[], list[tuple[float, _T]]]) -> list[tuple[float, _T]]:
         """What an automaton does, for all values of what it draws; with ``draws`` one thing that it does."""
@@ -166,12 +166,12 @@ class ModelSystem:
         ahead: list[tuple[int, ...]] = [()]
         while ahead:
             _check_sets(len(found) + len(ahead), self.automata[number].name)
-            lots = self._lots = AllLots(ahead.pop())
+            random = self._random = EnumeratedDraws(ahead.pop())
             try:
-                found += [(lots.probability * part, one) for part, one in run()]
+                found += [(random.probability * part, one) for part, one in run()]
             finally:
-                self._lots = self._drawn
-            ahead += lots.others
+                self._random = self._drawn
+            ahead += random.others
         return found
 
     # -- steps -------------------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ class _Open:
 class CommandHandling(Protocol):
     """What commands do."""
 
-    def is_meant(self, command: ExecutiveCommand) -> bool:
+    def is_addressed(self, command: ExecutiveCommand) -> bool:
         """Whether a command is for this executive, which cannot know what another one made of it."""
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
@@ -95,7 +95,7 @@ class CommandLedger:
             return
         known = self._entries.get(command.id)
         excess = excess_of_command(command)
-        if known is None and self._handling.is_meant(command):
+        if known is None and self._handling.is_addressed(command):
             if excess:
                 self._refuse_unkept(command, excess)
             else:

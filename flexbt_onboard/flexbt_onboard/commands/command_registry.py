@@ -116,7 +116,7 @@ class CommandRegistry:
         self._input_requests = input_requests
         self._report = report
 
-    def is_meant(self, command: ExecutiveCommand) -> bool:
+    def is_addressed(self, command: ExecutiveCommand) -> bool:
         """Whether a command is for this executive, which cannot know what another one made of it."""
         if command.executive_id in ('', self._executive_id):
             return True

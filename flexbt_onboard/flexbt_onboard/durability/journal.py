@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 from weakref import WeakValueDictionary
 
-from flexbt_core.clock import Clock
+from flexbt_core.clock import Clock, watchdog
 from flexbt_onboard.errors import OnboardError
 
 from .journal_format import Line, encode_head, encode_line, read_journal
@@ -140,8 +140,6 @@ class Journal:
         self._appended, self._durable = 1, 0  # lines so far; to write the file that was found anew counts as one
         self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
         self._is_anew = True  # the file has to be written anew
-        self._is_writing = False
-        self._telling = threading.Lock()
         self._problems: set[object] = set()  # kinds of those that were told since it was written last
         self._is_closed = False
         self._count = self._size = self._least_size = 0
@@ -238,23 +236,20 @@ class Journal:
                 appended, is_anew = self._appended, self._is_anew or self._size > max(_LARGEST, 4 * self._least_size)
                 if is_anew:
                     lines = self.state.lines()
-                self._is_writing, self._is_anew = True, False
-            watchdog = self._clock.call_at(self._clock.now() + STUCK_SECONDS, self._tell_stuck)
+                self._is_anew = False
             problem, kind = '', None
             try:
-                if is_anew:
-                    self._write_anew(lines)
-                else:
-                    self._write(lines)
+                with watchdog(self._clock, STUCK_SECONDS, self._tell_stuck):
+                    if is_anew:
+                        self._write_anew(lines)
+                    else:
+                        self._write(lines)
             except Exception as error:
                 # Whatever it is: a thread that ends here would leave all waiting who have something to tell.
                 name = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
                 problem = f'the journal {self.file} cannot be written: {name}{error}; a crash now would lose the run'
                 kind = type(error), getattr(error, 'errno', None)
-            watchdog.cancel()
-            with self._telling:
-                self._is_writing = False
-                self._tell(kind, problem)
+            self._tell(kind, problem)
             with self._changed:
                 if not problem:
                     self._durable = appended
@@ -265,14 +260,11 @@ class Journal:
             self._release()
 
     def _tell_stuck(self) -> None:
-        with self._telling:
-            if not self._is_writing:
-                return
-            self._tell(
-                TimeoutError,
-                f'the journal {self.file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; what '
-                'is shown from now on would be lost in a crash',
-            )
+        self._tell(
+            TimeoutError,
+            f'the journal {self.file} has not been written for {STUCK_SECONDS:g} s, the disk does not answer; what is '
+            'shown from now on would be lost in a crash',
+        )
         self._release()
 
     def _tell(self, kind: object, problem: str) -> None:

@@ -50,7 +50,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_common.values import seconds_of
-from flexbt_core.clock import Clock, told_when_late
+from flexbt_core.clock import Clock, watchdog
 
 if TYPE_CHECKING:
     from flexbt_common.runtime import RosClock
@@ -158,7 +158,7 @@ class EventLog:
     def _write(self, events: Sequence[dict[str, Any]]) -> bool:
         """Write the first of those that wait; gives whether that was possible."""
         try:
-            with told_when_late(self._steady, STUCK_SECONDS, self._tell_stuck):
+            with watchdog(self._steady, STUCK_SECONDS, self._tell_stuck):
                 self._append(events)
         except Exception as error:  # whatever it is: nobody else writes
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe, tells_full_output
+from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe, report_full_output
 from flexbt_core.values import one_line, write_text
 
 from .event_log import newest_log, rotated
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         abandon_stdout()
     except OSError as error:
-        if not tells_full_output('run_report', error):
+        if not report_full_output('run_report', error):
             print(f'run_report: {error}', file=sys.stderr)
         return 2
     return 0

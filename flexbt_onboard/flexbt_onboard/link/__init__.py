@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What operators and programs see of the executive, and its own way to stop the robot."""
 
-from .clock_senders import ClockSenders
+from .clock_publishers import ClockPublishers
 from .event_stream import EventStream
 from .executive_status import status_of
 from .motion_stop import MOTION_ACTIONS, MotionStop
@@ -16,7 +16,7 @@ __all__ = [
     'BURST',
     'MAXIMUM_RATE',
     'MOTION_ACTIONS',
-    'ClockSenders',
+    'ClockPublishers',
     'EventStream',
     'MotionStop',
     'OperatorLink',

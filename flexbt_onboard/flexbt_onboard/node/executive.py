@@ -32,7 +32,7 @@ from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
 from flexbt_onboard.link import (
-    ClockSenders,
+    ClockPublishers,
     EventStream,
     MotionStop,
     OperatorLink,
@@ -103,7 +103,7 @@ class Executive:
             self._peer_late,
             parameters.peer_timeout,
         )
-        clock_senders = ClockSenders(runtime, self._link.log, self._status.changed)
+        clock_publishers = ClockPublishers(runtime, self._link.log, self._status.changed)
         pose = RobotPose(runtime, parameters.pose_topic)
         self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
@@ -174,7 +174,7 @@ class Executive:
                 pose.latest(),
                 self._authority,
                 peers.gone(),
-                '; '.join(filter(None, [self._admission.refusal, problems.text, clock_senders.problem])),
+                '; '.join(filter(None, [self._admission.refusal, problems.text, clock_publishers.problem])),
             )
 
         self._shown = ShownStatus(

@@ -27,7 +27,7 @@ class UnconfiguredExecutive:
         self._refusal = f'the executive {unconfigured(runtime.node)}'
         runtime.call(lambda: self._open(runtime, ExecutiveParameters().heartbeat_period))
 
-    def is_meant(self, _command: ExecutiveCommand) -> bool:
+    def is_addressed(self, _command: ExecutiveCommand) -> bool:
         """Whichever executive it was for: this one is in its place, and has nothing."""
         return True
 

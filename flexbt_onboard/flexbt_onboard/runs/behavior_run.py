@@ -25,7 +25,7 @@ from flexbt_core.monitors import (
     Violation,
     declared_resources,
     machine_vocabulary,
-    told,
+    violation_text,
 )
 from flexbt_core.skills import claims
 from flexbt_core.state_machine import (
@@ -417,7 +417,7 @@ class BehaviorRun:
         )
 
     def _tell_finding(self, violation: Violation) -> None:
-        text = told(violation)
+        text = violation_text(violation)
         self._observer.log(ExecutiveLog.ERROR, violation.where if violation.where.startswith('/') else '', text)
         self._observer.event('violation', {'property': violation.property.name, 'path': violation.where, 'text': text})
         if violation is self._findings.first:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_common.liveness import PresenceToken
-from flexbt_common.runtime import NodeRuntime, tells_writers
+from flexbt_common.runtime import NodeRuntime, reports_writers
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.commands.authority import REQUESTS
@@ -145,7 +145,7 @@ def test_claims_of_ghosts_are_bounded_and_give_way_to_those_who_are_there(make_b
     bench.wait_for(lambda status: status.authority == 'ghost 7', 'who has come')
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_name_is_that_of_the_console_which_commands_under_it_as_long_as_it_is_there(make_bench: Make) -> None:
     bench = make_bench(3600.0)
     bench.applied(CLAIM, operator_id='ann')

@@ -51,7 +51,7 @@ class Books:
         """What is reported."""
         return [(result.command_id, result.code) for result in self.ledger.results()]
 
-    def is_meant(self, command: ExecutiveCommand) -> bool:
+    def is_addressed(self, command: ExecutiveCommand) -> bool:
         return not command.executive_id
 
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:

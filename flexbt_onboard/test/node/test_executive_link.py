@@ -26,7 +26,7 @@ from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.lifecycle import NodeScope
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime, tells_writers
+from flexbt_common.runtime import NodeRuntime, reports_writers
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import (
@@ -39,7 +39,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PlaceList,
 )
-from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher, clock_senders
+from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher, clock_publishers
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -114,10 +114,10 @@ def tell_time(runtime: NodeRuntime) -> None:
     publish()
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clock_senders, 'LISTEN_SECONDS', 0.3)
-    monkeypatch.setattr(clock_senders, 'PAUSE_SECONDS', 0.1)
+    monkeypatch.setattr(clock_publishers, 'LISTEN_SECONDS', 0.3)
+    monkeypatch.setattr(clock_publishers, 'PAUSE_SECONDS', 0.1)
     bench = make_bench(
         ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
     )

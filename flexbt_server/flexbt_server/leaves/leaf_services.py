@@ -54,7 +54,7 @@ class LeafServices:
         """
         return max(timeout, self.start_timeout - (time.monotonic() - STARTED))
 
-    def tell_once(self, message: str) -> None:
+    def warn_once(self, message: str) -> None:
         """Warn people of something that a tree asks for and that cannot be, once in the life of the server."""
         if message not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(message)

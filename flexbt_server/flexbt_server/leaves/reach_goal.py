@@ -299,7 +299,7 @@ def _read(host: LeafServices, file: str, goal: str) -> _Goal:
     mission = read_mission(store.read_text(file), file)
     if mission.robots:
         raise PlanningError(f'{file} is for several robots; let bt_tool plan write its trees, and run those')
-    library = node_skills(store.registry, host.tell_once)
+    library = node_skills(store.registry, host.warn_once)
     for name in mission.skills:
         beside = name if name.startswith('/') else posixpath.normpath(posixpath.join(posixpath.dirname(file), name))
         library = read_skills(store.read_text(beside), beside, library)

@@ -106,7 +106,7 @@ class GoalUpdater(Decorator):
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
-            self._cache = self.hear(PoseStamped, self.topic)
+            self._cache = self.subscribe(PoseStamped, self.topic)
         goal = self.get_input('input_goal')
         published = self._cache.latest
         if published is not None and self.newer(_stamp(published), _stamp(goal)):
@@ -117,7 +117,7 @@ class GoalUpdater(Decorator):
             self.set_output('output_goals', goals)
         return self.tick_child()
 
-    def hear(self, message_type: type[Any], topic: str) -> TopicCache:
+    def subscribe(self, message_type: type[Any], topic: str) -> TopicCache:
         """The messages of a topic, which tick the tree."""
         services: LeafServices = self.services
         cache = services.topics.cache(message_type, topic, 1)
@@ -157,7 +157,7 @@ class GoalUpdaterOfMain(GoalUpdater):
         if self.port_key('output_goals') is None:
             return goals
         if self._goals is None:
-            self._goals = self.hear(Goals, self.goals_topic)
+            self._goals = self.subscribe(Goals, self.goals_topic)
         published = self._goals.latest
         given = _stamp(goals[0]) if goals else (0, 0)
         if published is not None and published.goals and self.newer(_stamp(published), given):

@@ -39,7 +39,7 @@ def has_field(leaf: ActionLeaf | ServiceLeaf, message: Any, port: str) -> bool:
         return True
     given = leaf.port_text(port)
     if given is not None and given != leaf.ports[port].default:
-        leaf.host.tell_once(
+        leaf.host.warn_once(
             f'{leaf.id}: the port [{port}] has no effect: {message_type_name(type(message))}, as it is installed, has '
             f'no field of this name'
         )

@@ -275,7 +275,7 @@ class Wait(RecoveryLeaf):
         if not math.isfinite(seconds):
             raise ValueError(f'wait_duration has to be a number of seconds, not {seconds}')
         if seconds < 0.0:
-            self.host.tell_once(f'[{self.path}] is to wait for {seconds} s; it waits for {-seconds} s')
+            self.host.warn_once(f'[{self.path}] is to wait for {seconds} s; it waits for {-seconds} s')
             seconds = -seconds
         return self.action_type.Goal(time=duration_message(seconds))
 

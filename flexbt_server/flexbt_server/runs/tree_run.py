@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
     TreeLibrary,
 )
 from flexbt_core.clock import Clock, WakeEvent
-from flexbt_core.monitors import Findings, Monitoring, TreeMonitor, Violation, told
+from flexbt_core.monitors import Findings, Monitoring, TreeMonitor, Violation, violation_text
 from flexbt_msgs.action import BtExecute
 from flexbt_server.trees import NO_RECOVERIES, RECOVERIES_KEY, Value, write_all
 
@@ -227,9 +227,9 @@ class TreeRun(Generic[Client]):
         try:
             self._observer.ended()
         finally:
-            wrong = self._findings.first
-            if wrong is not None and told(wrong) not in outcome.message:
-                outcome = replace(outcome, message='; '.join(filter(None, [outcome.message, told(wrong)])))
+            wrong = '' if self._findings.first is None else violation_text(self._findings.first)
+            if wrong not in outcome.message:
+                outcome = replace(outcome, message='; '.join(filter(None, [outcome.message, wrong])))
             self._on_end(replace(outcome, error_code=self._error_code()))
 
     def _error_code(self) -> int:
@@ -296,9 +296,10 @@ class TreeRun(Generic[Client]):
         return TreeMonitor(self._findings.add, self._monitoring.requirements_of(self.key.id), is_woken_only=True)
 
     def _tell_finding(self, violation: Violation) -> None:
-        self._on_violation(f'tree [{self.key.id}]: {told(violation)}')
+        text = violation_text(violation)
+        self._on_violation(f'tree [{self.key.id}]: {text}')
         if self._monitoring.stops:
-            self.stop(self._client, told(violation))
+            self.stop(self._client, text)
 
     def _next_due(self, due: float) -> float:
         """When the next tick is due: a period after the last one was, unless that was a wake-up or came late."""

@@ -84,7 +84,7 @@ class Services:
     trees: TreeStore
     told: list[str] = field(default_factory=list)
 
-    def tell_once(self, message: str) -> None:
+    def warn_once(self, message: str) -> None:
         self.told.append(message)
 
 

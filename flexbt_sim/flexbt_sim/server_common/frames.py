@@ -150,7 +150,7 @@ class MapFrame:
         def drift() -> Pose:
             nonlocal latest, heard
             moved, newest = lookup() @ back, listener.buffer.latest(target, frame)
-            now = self._runtime.heard.handled
+            now = self._runtime.listening_time.handled
             if newest != latest or newest == math.inf:
                 latest, heard = newest, now
             silence = now - heard

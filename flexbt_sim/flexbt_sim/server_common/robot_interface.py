@@ -161,9 +161,9 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """For how long nobody has sent a pose, s of ``NodeRuntime.heard``; infinite before the first."""
+        """For how long nobody has sent a pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
         self._demand.take()
-        return self._runtime.heard.handled - self._pose_heard
+        return self._runtime.listening_time.handled - self._pose_heard
 
     def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
         """Have ``on_lost`` called when no pose has come for the pose timeout, from now on."""
@@ -187,7 +187,7 @@ class RobotInterface:
 
     def _receive_pose(self, received: Received) -> None:
         before = self._pose
-        looked = self._runtime.heard.looked
+        looked = self._runtime.listening_time.looked
         # It may have lain with the middleware for a while (demand.py), though it has come since the one before was
         # taken; which holds, too, where the clock of the sender is another one. One that was waited for has lain there
         # because this node was held up, which is not the sender's silence.

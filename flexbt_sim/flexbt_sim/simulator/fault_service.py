@@ -40,7 +40,7 @@ class FaultService:
                         entity, request.fault, _mapping(request.parameters), request.after, request.duration
                     )
             response.success = True
-            self._simulator.runtime.post(self._simulator.tell_faults)  # when the answer has left: a process may die
+            self._simulator.runtime.post(self._simulator.publish_faults)  # when the answer has left: a process may die
         except (FlexbtError, YamlError) as error:
             response.message = str(error)
         return response

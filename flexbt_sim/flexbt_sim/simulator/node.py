@@ -247,14 +247,14 @@ class Simulator:
         """Whether a node navigation is there for a robot, and carries out the faults of its servers."""
         return self._robots[robot].has_navigation
 
-    def tell_faults(self) -> None:
+    def publish_faults(self) -> None:
         """Tell the navigation servers which faults they have, though time may stand still."""
         with self.lock:
-            self._tell_faults()
+            self._publish_faults()
 
-    def _tell_faults(self) -> None:
+    def _publish_faults(self) -> None:
         for topics in self._robots.values():
-            topics.tell_server_faults()
+            topics.publish_server_faults()
 
     def _tell_scene(self) -> None:
         """What somebody sees of the world, if it is not as it was, though time may stand still. Under the lock."""
@@ -336,7 +336,7 @@ class Simulator:
                 return False
             self.world.step()
             self._steps += 1
-            self._tell_faults()
+            self._publish_faults()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:

@@ -51,7 +51,7 @@ class SimulatorParts(Protocol):
     def has_navigation(self, robot: str) -> bool:
         """Whether a node navigation carries out the faults of the servers of a robot."""
 
-    def tell_faults(self) -> None:
+    def publish_faults(self) -> None:
         """Tell the navigation servers which faults they have."""
 
     def restart(self) -> None:

@@ -277,7 +277,7 @@ class RobotTopics:
         heard_by = self._runtime.node.get_subscriptions_info_by_topic(topic)
         return any(one.node_name == names.NAVIGATION for one in heard_by)
 
-    def tell_server_faults(self) -> None:
+    def publish_server_faults(self) -> None:
         """Say which faults navigation servers have, if that is news. With the lock, on any thread."""
         faults = tuple(one for one in self.robot.faults.values() if isinstance(one, ServerFault))
         if faults != self._told_faults:

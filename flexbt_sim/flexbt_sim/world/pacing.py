@@ -77,7 +77,7 @@ class Schedule:
 
 @dataclass
 class _Driver:
-    heard_at: float
+    commanded_at: float
     until: float
     """From then on the robot brakes by itself."""
     is_stopping: bool
@@ -87,7 +87,7 @@ class _Driver:
     def is_due(self, now: float) -> bool:
         """Whether its next command should have come, by the interval that its commands usually have."""
         usual = median_low(self.intervals) if self.intervals else 0.0
-        return self.heard_at < now < self.until and now - self.heard_at > usual - 1e-6
+        return self.commanded_at < now < self.until and now - self.commanded_at > usual - 1e-6
 
 
 class Drivers:
@@ -96,15 +96,15 @@ class Drivers:
     def __init__(self) -> None:
         self._drivers: dict[str, _Driver] = {}
 
-    def heard(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
+    def commanded(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
         """A command has come: the robot follows it ``until`` a time; ``is_stopping`` when it says to stand."""
         driver = self._drivers.get(robot)
         if driver is None:
             self._drivers[robot] = _Driver(now, until, is_stopping)
             return
-        if now > driver.heard_at:
-            driver.intervals.append(now - driver.heard_at)
-        driver.heard_at, driver.until, driver.is_stopping = now, until, is_stopping
+        if now > driver.commanded_at:
+            driver.intervals.append(now - driver.commanded_at)
+        driver.commanded_at, driver.until, driver.is_stopping = now, until, is_stopping
 
     def forget(self, robot: str) -> None:
         """The robot is not driven any more. Harmless for one that is not."""
@@ -164,9 +164,9 @@ class Pacer:
     # -- who acts ----------------------------------------------------------------------------------------------------
 
     def command_received(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
-        """A velocity command has come; see :meth:`Drivers.heard`."""
+        """A velocity command has come; see :meth:`Drivers.commanded`."""
         with self._event:
-            self._drivers.heard(robot, now, until, is_stopping=is_stopping)
+            self._drivers.commanded(robot, now, until, is_stopping=is_stopping)
             self._event.notify_all()
 
     def forget_driver(self, robot: str) -> None:

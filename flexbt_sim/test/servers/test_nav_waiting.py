@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, ServedGoal
-from flexbt_common.runtime import Received, tells_writers
+from flexbt_common.runtime import Received, reports_writers
 from flexbt_common.values import duration_message, seconds_of, time_message
 from flexbt_sim.ros_messages import transform
 from flexbt_sim.server_common import (
@@ -78,7 +78,7 @@ def test_the_robot_drives_meanwhile(world: RobotProbe) -> None:
     assert pause.wait().status is GoalStatus.SUCCEEDED
 
 
-@pytest.mark.skipif(not tells_writers(), reason='the stock executor takes whatever comes')
+@pytest.mark.skipif(not reports_writers(), reason='the stock executor takes whatever comes')
 def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(
     world: RobotProbe, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
-from flexbt_common.runtime import NodeRuntime, Received, tells_writers
+from flexbt_common.runtime import NodeRuntime, Received, reports_writers
 from flexbt_sim import intra_process
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -65,7 +65,7 @@ def test_what_is_handed_over_comes_once_in_order_and_on_one_thread_at_a_time(mon
             poses.publish(serialize_message(Int32(data=COUNT)))
             return heard[-1] == (COUNT, here)
 
-        if tells_writers():  # rclpy's own executor has nobody call in its place
+        if reports_writers():  # rclpy's own executor has nobody call in its place
             wait_until(is_heard_here, 'an executor that only waits has others call')
         busy, go_on = threading.Event(), threading.Event()
 

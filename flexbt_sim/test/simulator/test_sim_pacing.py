@@ -172,7 +172,7 @@ def test_who_was_told_to_stand_is_not_waited_for_any_longer() -> None:
 def test_a_driver_that_answers_every_other_time_is_waited_for_every_other_time() -> None:
     drivers = Drivers()
     for tick in range(0, 40, 2):
-        drivers.heard('robot', 0.03 * tick, 0.03 * tick + 0.5, is_stopping=False)
+        drivers.commanded('robot', 0.03 * tick, 0.03 * tick + 0.5, is_stopping=False)
         assert not drivers.due(0.03 * tick)
         if tick > 2:
             assert not drivers.due(0.03 * (tick + 1))
@@ -181,15 +181,15 @@ def test_a_driver_that_answers_every_other_time_is_waited_for_every_other_time()
 
 def test_nobody_is_waited_for_who_drives_no_more() -> None:
     drivers = Drivers()
-    drivers.heard('robot', 1.0, 1.5, is_stopping=False)
-    drivers.heard('other', 1.0, 1.5, is_stopping=True)
+    drivers.commanded('robot', 1.0, 1.5, is_stopping=False)
+    drivers.commanded('other', 1.0, 1.5, is_stopping=True)
     assert drivers.due(1.1) == ['robot', 'other']
     for robot in ('robot', 'other'):
         drivers.did_not_answer(robot)
     assert drivers.due(1.13) == ['robot']  # the other one was to stand
     assert drivers.acting(1.4) and not drivers.acting(1.5)
     assert drivers.due(1.4) == []
-    drivers.heard('robot', 2.0, 2.5, is_stopping=False)
+    drivers.commanded('robot', 2.0, 2.5, is_stopping=False)
     drivers.forget('robot')
     assert not drivers.acting(2.1)
 

@@ -29,7 +29,7 @@ from flexbt_core.state_machine import MachineDefinition
 from flexbt_server.node_types import node_registry
 from flexbt_tools.behaviors import UsedTrees, behavior_entry, build, used_trees
 from flexbt_tools.errors import UnfitError, UsageError
-from flexbt_tools.proofs import ProofCache, moves_of, prove_tree, replay_in, told_requirements
+from flexbt_tools.proofs import ProofCache, moves_of, prove_tree, replay_in, requirements_text
 from flexbt_tools.trees import OpenRegistry, read_models
 
 from .blackboards import Blackboards
@@ -107,7 +107,7 @@ def prove_behavior(
     report = explore(
         lambda: MachineSystem(machine, models, bounds, requirements),
         f'machine of {name}',
-        f'{bounds}{unknown if without else ""}{told_requirements(required)}',
+        f'{bounds}{unknown if without else ""}{requirements_text(required)}',
         Limits(max(0.0, end - time.process_time()), configurations),
         named_progress('the machine', on_progress),
         faults=bounds.faults,

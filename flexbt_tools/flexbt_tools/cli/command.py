@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_common.cli import abandon_stdout, make_streams_safe, tells_full_output
+from flexbt_common.cli import abandon_stdout, make_streams_safe, report_full_output
 from flexbt_core.values import lines
 from flexbt_tools.errors import ExitCode, ToolError
 
@@ -46,7 +46,7 @@ def run_command(
         abandon_stdout()
         return ExitCode.OK
     except OSError as error:
-        if not tells_full_output(program, error):
+        if not report_full_output(program, error):
             raise
         return ExitCode.USAGE
     return code

@@ -103,7 +103,7 @@ def requirements(options: argparse.Namespace) -> tuple[list[Stated], dict[str, t
         raise UnfitError(str(error)) from None
 
 
-def tell_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
+def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
     """Of names in the file nothing is proved here."""
     unused = [name for name in named if name not in proved]
     if unused:

@@ -8,7 +8,7 @@ from .proof_cache import ProofCache
 from .proof_json import report_as_json
 from .proof_text import ProgressLine, report_lines
 from .saved_test import File, Replay, requirement_texts, saved_test
-from .tree_proof import GOALS, compare_trees, prove_tree, replay_in, replay_tree, told_requirements
+from .tree_proof import GOALS, compare_trees, prove_tree, replay_in, replay_tree, requirements_text
 
 __all__ = [
     'GOALS',
@@ -27,8 +27,8 @@ __all__ = [
     'report_as_json',
     'report_lines',
     'requirement_texts',
+    'requirements_text',
     'result_as_json',
     'result_lines',
     'saved_test',
-    'told_requirements',
 ]

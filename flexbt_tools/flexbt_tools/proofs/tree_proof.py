@@ -72,7 +72,7 @@ def prove_tree(
     taken = first.given
     bounds = TREE_BOUNDS + (f', {servers_gone(faults)}' if faults else '')
     bounds += f'; given before it begins: {", ".join(taken)}' if taken else ''
-    bounds += told_requirements(required)
+    bounds += requirements_text(required)
     digest = (
         '' if cache is None else digest_of(library, key, [*keys, str(faults), str(looked_at), *map(str, requirements)])
     )
@@ -115,7 +115,7 @@ def compare_trees(
     return Compared(name or f'tree {now[1].id}', found)
 
 
-def told_requirements(required: Sequence[Stated]) -> str:
+def requirements_text(required: Sequence[Stated]) -> str:
     """What is required, as a part of the bounds of a report."""
     return f'; required: {"; ".join(str(one.requirement) for one in required)}' if required else ''
 

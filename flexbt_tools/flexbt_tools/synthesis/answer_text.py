@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Step, said_answers, said_state, said_world
+from flexbt_core.synthesis.explanation import CounterPlay, Explanation, Step, answers_text, state_text, world_text
 from flexbt_core.synthesis.inputs import Problem
 from flexbt_core.values import counted, shown
 
@@ -54,13 +54,13 @@ def step_through(play: CounterPlay, problem: Problem, ask: Callable[[str], str],
     if play.state is None and len(play.answers) == 1:
         play.answer(0)
     while True:
-        tell(f'\n{said_state(play.state, problem)}: {said_world(play, problem)}')
+        tell(f'\n{state_text(play.state, problem)}: {world_text(play, problem)}')
         if not play.answers:
             tell('Nothing is allowed now:')
             for one in play.why_none():
                 tell(f'  - {one}')
             return
-        for number, choice in enumerate(said_answers(play, problem), 1):
+        for number, choice in enumerate(answers_text(play, problem), 1):
             tell(f'  {number}. {choice}')
         while True:
             try:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_common.runtime import NodeRuntime, tells_writers
+from flexbt_common.runtime import NodeRuntime, reports_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import Command, CommandKind, CommandState, ExecutiveState, Mirror, View
@@ -141,7 +141,7 @@ def processor_time_of(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_flood_holds_up_no_operator_and_does_not_grow(stack: Stack, tmp_path: Path) -> None:
     executive = stack.process_id('onboard_executive')
     flooders: list[subprocess.Popen[str]] = []

@@ -32,9 +32,9 @@ class SentCommands:
         """It was given to the robot of that mirror."""
         self._sent[command_id] = _Sent(mirror, self._clock.now())
 
-    def news(self) -> list[list[str]]:
-        """What is new since the last call: for each command with news its lines, in the order of sending."""
-        news = []
+    def updates(self) -> list[list[str]]:
+        """The lines of each command whose state has changed since the last call, in the order of sending."""
+        updates = []
         for command_id, sent in list(self._sent.items()):
             tracked = sent.mirror.command(command_id)
             if tracked is None or tracked.state in (CommandState.APPLIED, CommandState.REFUSED):
@@ -46,5 +46,5 @@ class SentCommands:
             else:
                 self._sent[command_id] = _Sent(sent.mirror, sent.given, tracked.state)
             if tracked is not None:
-                news.append(command_result_lines(tracked))
-        return news
+                updates.append(command_result_lines(tracked))
+        return updates

@@ -332,7 +332,7 @@ class Prompt:
     def _tell(self, view: View) -> None:
         for event in self._follower.events(view):
             self._print(event.text, view)
-        for told in self._sent.news():
+        for told in self._sent.updates():
             self._print(told)
 
     def _is_settled(self, view: View) -> bool:

@@ -295,7 +295,7 @@ class OperatorScreen(App[None]):
             self._ageing.stop()
         self._ageing = self.set_timer(AGE_SECONDS, self.draw)
         view = self._mirror.view()
-        for told in self._sent.news():
+        for told in self._sent.updates():
             self.tell(told)
         self._picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []

@@ -175,7 +175,7 @@ class PageLink:
 
     async def _settle(self) -> None:
         """Tell what became of the commands of this page."""
-        for told in self._sent.news():
+        for told in self._sent.updates():
             await self._tell(told, tone_of(told[0]).name.lower())
 
     async def _tell(self, text: list[str], tone: str) -> None:

@@ -46,7 +46,7 @@ def specialize(
     return _compiled(len(variables), ['slow'], body)
 
 
-def specialize_gate(
+def specialize_pre_conditions(
     conditions: Sequence[tuple[Sequence[Expression], bool]],
     variables: Mapping[str, Variable],
     enums: Mapping[str, int],
@@ -73,7 +73,7 @@ def specialize_gate(
     return _compiled(len(variables), ['slow', 'node', 'execute', 'conditions'], lines)
 
 
-def specialize_completion(
+def specialize_post_conditions(
     sides: Sequence[Sequence[Expression] | None],
     variables: Mapping[str, Variable],
     enums: Mapping[str, int],

@@ -10,7 +10,13 @@ from flexbt_core.behavior_tree.engine import Conditions, NodeScript, Tick, TreeN
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SUCCESS, Entry, NodeExecutionError, NodeStatus, Script
 
 from .node_classes import stores_directly
-from .specialized_scripts import SpecializedBoundScript, SpecializedScript, completion_factory, gate_factory, kinds_of
+from .specialized_scripts import (
+    SpecializedBoundScript,
+    SpecializedScript,
+    kinds_of,
+    post_conditions_factory,
+    pre_conditions_factory,
+)
 
 
 class SpecializedConditions(Conditions):
@@ -63,7 +69,7 @@ class SpecializedConditions(Conditions):
         entries = {name: entry for script in self._pre for name, entry in _bound(script).entries.items()}
         variables = kinds_of(entries)
         if variables is not None:
-            factory = gate_factory(
+            factory = pre_conditions_factory(
                 [_bound(script).script for script in self._pre],
                 [script.decisive for script in self._pre],
                 variables,
@@ -123,7 +129,7 @@ class SpecializedConditions(Conditions):
         variables = kinds_of(entries)
         if variables is None or not any(sides):
             return
-        factory = completion_factory(sides, variables)
+        factory = post_conditions_factory(sides, variables)
         if factory is not None:
             types = [entry.type for entry in entries.values()]
             completing = factory(list(entries.values()), types, self._complete_or_put_back, self._node, self._inner)

@@ -10,7 +10,7 @@ from flexbt_core.behavior_tree.model import Blackboard, Entry
 from flexbt_core.behavior_tree.script import BoundScript, CompiledScript
 
 from .script_code import NotSpecializable, Variable, variable_of
-from .script_specialization import Factory, specialize, specialize_completion, specialize_gate
+from .script_specialization import Factory, specialize, specialize_post_conditions, specialize_pre_conditions
 
 _MOST_FACTORIES: Final = 16
 
@@ -44,7 +44,7 @@ class SpecializedScript(CompiledScript):
         return self._factories[key]
 
 
-def gate_factory(
+def pre_conditions_factory(
     scripts: Sequence[SpecializedScript],
     decisive: Sequence[bool],
     variables: Mapping[str, Variable],
@@ -52,7 +52,7 @@ def gate_factory(
     ongoing: bool,
     forgetful: bool,
 ) -> Factory | None:
-    """What makes the code that ticks a node with these pre-conditions, see ``specialize_gate``.
+    """What makes the code that ticks a node with these pre-conditions, see ``specialize_pre_conditions``.
 
     None when that is for the closures. All scripts are of one library.
     """
@@ -60,16 +60,16 @@ def gate_factory(
 
     def make() -> Factory:
         conditions = [(script.statements, wanted) for script, wanted in zip(scripts, decisive, strict=True)]
-        return specialize_gate(conditions, variables, first.enums, ongoing=ongoing, forgetful=forgetful)
+        return specialize_pre_conditions(conditions, variables, first.enums, ongoing=ongoing, forgetful=forgetful)
 
     key = (*scripts[1:], *decisive, *variables.items(), ongoing, forgetful)
     return first.made(key, make)
 
 
-def completion_factory(
+def post_conditions_factory(
     sides: Sequence[Sequence[SpecializedScript] | None], variables: Mapping[str, Variable]
 ) -> Factory | None:
-    """What makes the code that ticks a node with these post-conditions, see ``specialize_completion``.
+    """What makes the code that ticks a node with these post-conditions, see ``specialize_post_conditions``.
 
     None when that is for the closures. All scripts are of one library.
     """
@@ -80,7 +80,7 @@ def completion_factory(
             None if side is None else [statement for script in side for statement in script.statements]
             for side in sides
         ]
-        return specialize_completion(statements, variables, first.enums)
+        return specialize_post_conditions(statements, variables, first.enums)
 
     key = (*(None if side is None else tuple(side) for side in sides), *variables.items())
     return first.made(key, make)

@@ -4,6 +4,7 @@
 from .ascxml import Ascxml, Communication, Instance, is_pointer, ports_of
 from .automaton import Action, Around, Automaton, Branches, Local, Send, State, Target, Transition, Write
 from .data_types import DataType, DataTypeError, DataTypes
+from .draws import Draws, EnumeratedDraws, ManyValuesError, SampledDraws
 from .events import FIELD, SET, TIMER, Events, bt_event, is_waited_for
 from .expressions import (
     Array,
@@ -18,7 +19,6 @@ from .expressions import (
     names_in,
     parse_expression,
 )
-from .lots import AllLots, Drawn, Lots, ManyValuesError
 from .source_text import ModelError, ModelFault, Node, read_text, read_xml
 from .values import Record
 
@@ -27,7 +27,6 @@ __all__ = [
     'SET',
     'TIMER',
     'Action',
-    'AllLots',
     'Around',
     'Array',
     'Ascxml',
@@ -38,7 +37,8 @@ __all__ = [
     'DataType',
     'DataTypeError',
     'DataTypes',
-    'Drawn',
+    'Draws',
+    'EnumeratedDraws',
     'Evaluated',
     'Events',
     'Expression',
@@ -46,13 +46,13 @@ __all__ = [
     'Instance',
     'Literal',
     'Local',
-    'Lots',
     'ManyValuesError',
     'ModelError',
     'ModelFault',
     'Name',
     'Node',
     'Record',
+    'SampledDraws',
     'Send',
     'State',
     'Target',

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from .data_types import DataType, DataTypeError
+from .draws import Draws
 from .expressions import Evaluated
-from .lots import Lots
 from .source_text import ModelFault
 
 _LARGEST: Final = 2**64
@@ -121,7 +121,7 @@ class Around(NamedTuple):
     """What expressions reach beside data and event: input ports that point to the blackboard, and random numbers."""
 
     inputs: Mapping[str, Any]
-    lots: Lots
+    draws: Draws
 
 
 _Code = Assign | Send | Write | _Jump | _Unless | _Enter

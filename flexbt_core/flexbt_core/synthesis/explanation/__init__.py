@@ -3,6 +3,6 @@
 
 from .counter_play import CounterPlay
 from .explanation import Explanation, Kind, explained
-from .play_text import Step, said_answers, said_state, said_world
+from .play_text import Step, answers_text, state_text, world_text
 
-__all__ = ['CounterPlay', 'Explanation', 'Kind', 'Step', 'explained', 'said_answers', 'said_state', 'said_world']
+__all__ = ['CounterPlay', 'Explanation', 'Kind', 'Step', 'answers_text', 'explained', 'state_text', 'world_text']

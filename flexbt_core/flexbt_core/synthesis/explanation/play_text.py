@@ -30,15 +30,15 @@ def played(play: CounterPlay, problem: Problem) -> tuple[tuple[Step, ...], tuple
     seen: dict[tuple[object, ...], int] = {}
     while len(steps) < MAX_STEPS:
         if not play.answers:
-            steps.append(Step(said_state(play.state, problem), said_world(play, problem), (), ''))
+            steps.append(Step(state_text(play.state, problem), world_text(play, problem), (), ''))
             return tuple(steps), tuple(play.why_none())
         key = tuple((play.state or {}).values())
         seen[key] = seen.get(key, 0) + 1
         if seen[key] > 2:
             break
-        choices = said_answers(play, problem)
+        choices = answers_text(play, problem)
         chosen = play.nearest_answer()
-        step = Step(said_state(play.state, problem), said_world(play, problem), choices, choices[chosen])
+        step = Step(state_text(play.state, problem), world_text(play, problem), choices, choices[chosen])
         steps += [step] if len(choices) > 1 or problem.vocabulary.active_in(play.state or {}) else []
         play.answer(chosen)
         if play.is_hopeless:
@@ -46,7 +46,7 @@ def played(play: CounterPlay, problem: Problem) -> tuple[tuple[Step, ...], tuple
     return tuple(steps), ()
 
 
-def said_state(state: Mapping[str, int] | None, problem: Problem) -> str:
+def state_text(state: Mapping[str, int] | None, problem: Problem) -> str:
     """What is active, and what is known."""
     if state is None:
         return 'the start'
@@ -55,7 +55,7 @@ def said_state(state: Mapping[str, int] | None, problem: Problem) -> str:
     return f'{doing}{_holding(state, problem)}'
 
 
-def said_world(play: CounterPlay, problem: Problem) -> str:
+def world_text(play: CounterPlay, problem: Problem) -> str:
     """What the world does."""
     words = problem.vocabulary
     said = []
@@ -68,9 +68,9 @@ def said_world(play: CounterPlay, problem: Problem) -> str:
     return ', '.join(said) or ('nothing' if play.state is not None else 'all is as it is at the start')
 
 
-def said_answers(play: CounterPlay, problem: Problem) -> tuple[str, ...]:
+def answers_text(play: CounterPlay, problem: Problem) -> tuple[str, ...]:
     """What may follow, each by what becomes active and what is known then; where that is the same, it is numbered."""
-    texts = [said_state({**play.inputs, **one}, problem) for one in play.answers]
+    texts = [state_text({**play.inputs, **one}, problem) for one in play.answers]
     return tuple(
         text if texts.count(text) == 1 else f'{text} ({texts[:index].count(text) + 1})'
         for index, text in enumerate(texts)

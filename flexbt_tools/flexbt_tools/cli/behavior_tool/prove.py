@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     own, by_name = proof_arguments.requirements(options)
     required = [*own, *by_name.get(behavior.name, ())]
     trees = [use.key.id for use in used.uses if use.key is not None]
-    proof_arguments.tell_unused(options, by_name, {behavior.name, *trees})
+    proof_arguments.warn_unused(options, by_name, {behavior.name, *trees})
     progress = ProgressLine(not options.quiet)
     try:
         proof = prove_behavior(

@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
     before = read_library(options.against, arguments.registry(options, allow_unknown=True)) if options.against else None
     own, by_name = proof_arguments.requirements(options)
-    proof_arguments.tell_unused(options, by_name, [key.id for key in keys])
+    proof_arguments.warn_unused(options, by_name, [key.id for key in keys])
     required = {key: [*own, *by_name.get(key.id, ())] for key in keys}
     progress = ProgressLine(not options.quiet)
     reports = {}

@@ -18,7 +18,7 @@ class ManyValuesError(ModelFault):
     """Too many values to follow each of them."""
 
 
-class Lots(Protocol):
+class Draws(Protocol):
     """What an expression asks by lot; ``u`` is evenly distributed from 0 to below 1."""
 
     def real(self) -> float:
@@ -31,7 +31,7 @@ class Lots(Protocol):
         """``u < bound``."""
 
 
-class Drawn:
+class SampledDraws:
     """One value each time."""
 
     def __init__(self, real: Callable[[], float]) -> None:
@@ -44,7 +44,7 @@ class Drawn:
         return self.real() < bound
 
 
-class AllLots:
+class EnumeratedDraws:
     """All values, one set of them after the other: the ``given`` ones first, then the first one of each draw.
 
     ``probability`` is that of the set, ``others`` are the sets beside it.

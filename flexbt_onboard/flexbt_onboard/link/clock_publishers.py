@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, hear_of_time_senders, writer_name
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, watch_clock_publishers, writer_name
 from flexbt_core.clock import Timer
 from flexbt_msgs.msg import ExecutiveLog
 
@@ -24,7 +24,7 @@ PAUSE_SECONDS: Final = 3.0
 _CLOCK_BYTES: Final = 100
 
 
-class ClockSenders:
+class ClockPublishers:
     """Tells operators while several publish ``/clock``, where time is simulated, and the middleware tells who sends.
 
     Used on the executor thread; ``changed`` is called when :attr:`problem` is another one.
@@ -39,7 +39,7 @@ class ClockSenders:
         self._writers: set[bytes] = set()
         self._messages: ReceivedMessages | None = None
         self._timer: Timer | None = None
-        hear_of_time_senders(runtime.node, self._look)
+        watch_clock_publishers(runtime.node, self._look)
 
     def _look(self) -> None:
         """Publishers have come or gone, or the pause is over."""

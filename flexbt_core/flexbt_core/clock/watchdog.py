@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What takes longer than it should, told while it does."""
+"""A watchdog: what takes longer than it should is reported while it does."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .clock import Clock
 
 
 @contextlib.contextmanager
-def told_when_late(clock: Clock, seconds: float, tell: Callable[[], object]) -> Iterator[None]:
-    """Call ``tell()`` on the thread of ``clock`` when the block takes longer than ``seconds``; never after its end."""
+def watchdog(clock: Clock, seconds: float, on_expired: Callable[[], object]) -> Iterator[None]:
+    """Call ``on_expired()`` on the thread of ``clock`` when the block takes longer than ``seconds``; never after it."""
     lock = threading.Lock()
     has_ended = False
 
-    def late() -> None:
+    def expire() -> None:
         with lock:
             if not has_ended:
-                tell()
+                on_expired()
 
-    timer = clock.call_at(clock.now() + seconds, late)
+    timer = clock.call_at(clock.now() + seconds, expire)
     try:
         yield
     finally:
