@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs of behaviors: each on a thread of its own, seen as values."""
 
-from .behavior_run import BehaviorRun, BehaviorRunObserver
+from .behavior_run import BehaviorRun
 from .callback_watch import LIMIT, CallbackWatch, HeldUp
 from .operator_watch import OperatorWatch
+from .run_observer import BehaviorRunObserver
 from .run_snapshot import ActiveLeaf, RunDecision, RunEnd, RunPhase, RunSnapshot
 from .run_supervisor import LastRun, RunDisplay, RunSupervisor, ShownRun
 from .stop_watch import StopWatch

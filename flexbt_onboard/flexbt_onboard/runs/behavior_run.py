@@ -11,22 +11,13 @@ from __future__ import annotations
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from flexbt_core.clock import WakeEvent
 from flexbt_core.errors import FlexbtError
-from flexbt_core.monitors import (
-    Findings,
-    MachineMonitor,
-    Monitoring,
-    Property,
-    Violation,
-    declared_resources,
-    machine_vocabulary,
-    violation_text,
-)
+from flexbt_core.monitors import Monitoring
 from flexbt_core.skills import claims
 from flexbt_core.state_machine import (
     ERROR,
@@ -35,12 +26,9 @@ from flexbt_core.state_machine import (
     STOP_TIMEOUT,
     Answer,
     Calling,
-    ExitReason,
     MachineDefinition,
     MachineError,
     MachineRun,
-    Position,
-    Severity,
     StateDefinition,
     position_of,
     reasons_against,
@@ -48,7 +36,7 @@ from flexbt_core.state_machine import (
     state_skill,
     switch_machine,
 )
-from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog
+from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.behaviors import (
     READY_SECONDS,
     Behavior,
@@ -63,42 +51,17 @@ from flexbt_onboard.behaviors import (
 from flexbt_onboard.durability import Decided
 from flexbt_onboard.errors import ParameterError
 
+from .activity_poll import ActivityPoll, not_paused_lines
 from .callback_watch import CallbackWatch, HeldUp
-from .run_snapshot import ActiveLeaf, RunEnd, RunSnapshot, SnapshotSource, decision_number
+from .machine_observer import MachineObserver
+from .run_monitors import RunMonitors
+from .run_observer import BehaviorRunObserver
+from .run_snapshot import RunEnd, RunSnapshot, SnapshotSource, decision_number
+
+_HAS_ENDED: Final = 'the run has ended'
 
 _ESCAPES: Final = 3
 """Exceptions that may escape from the state machine before the run is aborted."""
-
-
-class BehaviorRunObserver(Protocol):
-    """Hears of a run, on the thread of the run; ``changed``, ``log`` and ``stopping`` from any thread."""
-
-    def changed(self) -> None:
-        """There is another snapshot."""
-
-    def built(self, request: RunRequest, structure: BehaviorStructure) -> None:
-        """The behavior is built and begins; :meth:`BehaviorRun.announce` is called when the structure is published."""
-
-    def refused(self, reason: str) -> None:
-        """The behavior could not be built. Nothing follows."""
-
-    def log(self, severity: int, path: str, text: str) -> None:
-        """A line for the operator."""
-
-    def event(self, event: str, fields: Mapping[str, Any]) -> None:
-        """Something for the event log."""
-
-    def moved(self, position: Callable[[], Position], decided: Sequence[Decided]) -> None:
-        """The machine is where it was not before, or commands were decided; both are told when this returns."""
-
-    def switched(self, request: RunRequest, structure: BehaviorStructure) -> None:
-        """The run goes on with another behavior, whose structure that is; :meth:`moved` follows."""
-
-    def stopping(self, why: str) -> None:
-        """The run is told to stop; it is stopped, and shown so, when this returns."""
-
-    def ended(self, end: RunEnd) -> None:
-        """The run has ended. Nothing follows."""
 
 
 class BehaviorRun:
@@ -119,22 +82,18 @@ class BehaviorRun:
         self._services = replace(services, changed=self._activity_changed, goals=RunGoals())
         self._observer = observer
         self._stop_timeout = stop_timeout
-        self._monitoring = monitoring or Monitoring()
-        self._monitor: MachineMonitor | None = None
-        self._findings = Findings(self._tell_finding)
+        self._monitors = RunMonitors(
+            monitoring or Monitoring(), observer, lambda text: self._publish(wrong=text), self.stop
+        )
+        self._machine_observer = MachineObserver(observer, self._machine_changed)
         self._wake_event = WakeEvent()
         self._lock = threading.Lock()
         self._snapshot = RunSnapshot(run_id, request.entry.name, {ROOT_PATH: request.autonomy})
         self._stop_reason: str | None = None
         self._has_changed = False
-        self._has_activity_changed = False  # perhaps: the states have to be asked
-        self._is_activity_shown = False  # so that it has to be asked for again
-        self._is_activity_untold = False  # what was found so
+        self._activities = ActivityPoll()
         self._decided: list[Decided] = []  # to be told when it is journaled
         self._switches: deque[tuple[RunRequest, Answer]] = deque()
-        self._errors: dict[str, str] = {}  # what the active states have told last
-        self._why_ended = ''  # that of the state whose outcome ends the machine
-        self._is_over = False
         self._has_ended = False
         self._stopped_at = 0.0
         self._building: Calling | None = None
@@ -165,7 +124,7 @@ class BehaviorRun:
 
     def ask_activities(self) -> None:
         """Have the active states asked what they are doing, for the next time that they are shown."""
-        self._is_activity_shown = True
+        self._activities.request()
         self._wake_event.set()
 
     def stop(self, reason: str) -> None:
@@ -251,11 +210,11 @@ class BehaviorRun:
         The run stays as durable as it was, and keeps its levels of autonomy.
         """
         with self._lock:
-            is_over = self._is_over
-            if not is_over:
+            has_ended = self._has_ended
+            if not has_ended:
                 self._switches.append((request, answer))
-        if is_over:
-            answer('the run has ended')
+        if has_ended:
+            answer(_HAS_ENDED)
         self._wake_event.set()
 
     def _decide(self, answer: Answer, reason: str | None) -> None:
@@ -270,56 +229,18 @@ class BehaviorRun:
             self._snapshot = replace(self._snapshot, **changes)
         self._observer.changed()
 
-    # -- observer of the machine; on the thread of the run ----------------------------------------------------------
+    # -- the thread of the run ---------------------------------------------------------------------------------------
 
-    def changed(self) -> None:
-        """See :class:`flexbt_core.state_machine.RunObserver`."""
+    def _machine_changed(self) -> None:
         # What is entered is shown at once, since on_enter may take long; all else when the step is over, so that what a
         # command has done and the answer to it are written in one.
-        self._has_changed = self._has_activity_changed = True
+        self._has_changed = True
+        self._activities.changed()
         if self._source is not None and self._source.is_outdated():
             self._commit()
 
-    def log(self, severity: Severity, path: str, text: str) -> None:
-        """See :class:`flexbt_core.state_machine.RunObserver`."""
-        if severity.value >= ExecutiveLog.ERROR:
-            self._errors[path] = text
-        self._observer.log(severity.value, path, text)
-
-    def fault(self, path: str, text: str) -> None:
-        """See :class:`flexbt_core.state_machine.RunObserver`."""
-        self._observer.log(ExecutiveLog.ERROR, path, text)
-        self._observer.event('fault', {'path': path, 'text': text})
-
-    def transition(self, path: str, outcome: str, target: str, reason: ExitReason) -> None:
-        """See :class:`flexbt_core.state_machine.RunObserver`."""
-        if self._source is not None:
-            self._source.left(path)
-        fields = {'path': path, 'outcome': outcome, 'target': target, 'reason': reason.name.lower()}
-        self._observer.event('left', fields)
-        error = self._errors.pop(path, '') if reason is not ExitReason.FORCED else ''
-        if target.startswith('/'):
-            self._why_ended = ''  # it goes on, whatever it was
-        elif error:
-            self._why_ended = f'{path}: {error}'
-        if reason is ExitReason.FORCED:
-            # Told of what is around: it is no reason for what a state wants that is entered again at that moment.
-            around, _, label = path.rpartition('/')
-            text = f'{label} left by {outcome!r}, as the operator wants it'
-            self._observer.log(ExecutiveLog.INFO, around or '/', text)
-            self._tell_unwritten(path, outcome, target)
-
-    def _tell_unwritten(self, path: str, outcome: str, target: str) -> None:
-        """A state that was forced out has not written what it writes otherwise; what follows may read it."""
-        keys = self._machine.unwritten(target) if self._machine is not None and target.startswith('/') else []
-        if keys:
-            text = f'by {outcome!r}, which was forced, {target} follows, and reads what nobody has written'
-            self._observer.log(ExecutiveLog.WARN, path, f'{text}: {", ".join(keys)}')
-
-    # -- the thread of the run ---------------------------------------------------------------------------------------
-
     def _main(self) -> None:
-        with self._watch, RunContext(lambda: self._services, self.log).entered():
+        with self._watch, RunContext(lambda: self._services, self._machine_observer.log).entered():
             try:
                 self._build_and_drive()
             except BaseException as error:  # a fault of ours: a run that nobody drives must not be shown as one
@@ -340,10 +261,11 @@ class BehaviorRun:
         except BaseException as error:
             self._refuse(self._reason_of(error))
             return
-        self._source = SnapshotSource(machine, clock, self.run_id, self._services.goals)
+        source = SnapshotSource(machine, clock, self.run_id, self._services.goals)
+        self._source = self._machine_observer.source = source
         with self._lock:
             is_stopped = self._stop_reason is not None
-            self._machine = machine
+            self._machine = None if is_stopped else machine
         if is_stopped:
             self._refuse(f'stopped before it began: {self._stop_reason}')
             return
@@ -351,26 +273,26 @@ class BehaviorRun:
         self._tell_skills(machine.definition)
         self._await_nodes()
         with self._loop:
-            outcome, message = self._drive(machine)
+            outcome, message = self._drive(machine, source)
         self._end(outcome, message)
 
     def _refuse(self, reason: str) -> None:
         if self._ends():
             self._observer.refused(reason)
+            self._refuse_switches()
 
     def _end(self, outcome: str, message: str) -> None:
         machine = self._machine
-        if not self._ends():
-            return
         if machine is None:
-            self._observer.refused(message)
+            self._refuse(message)
+            return
+        if not self._ends():
             return
         end = RunEnd(ERROR, '; '.join(filter(None, [message, 'fault in the executive at the end of the run'])))
         try:
-            self._close(machine)
-            if self._monitor is not None and outcome != ERROR and self.has_goals:
-                text = f'the run has ended by {outcome!r}, and a goal of it goes on'
-                self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
+            machine.close_commands(_HAS_ENDED)
+            self._refuse_switches()
+            self._monitors.ended(outcome, self.has_goals)
             values = machine.userdata()
             outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
             end = RunEnd(outcome, message, outputs)
@@ -383,13 +305,11 @@ class BehaviorRun:
             has_ended, self._has_ended = self._has_ended, True
         return not has_ended
 
-    def _close(self, machine: MachineRun) -> None:
-        """Refuse what was commanded and is not decided, and whatever will be."""
+    def _refuse_switches(self) -> None:
         with self._lock:
-            self._is_over = True
-        machine.close_commands('the run has ended')
-        for _, answer in self._switches:
-            answer('the run has ended')
+            refused, self._switches = self._switches, deque()
+        for _, answer in refused:
+            answer(_HAS_ENDED)
 
     def _build(self) -> MachineRun:
         behavior, definition = self._define(self._request)
@@ -397,33 +317,18 @@ class BehaviorRun:
         at = self._request.at
         if at is not None and (reasons := reasons_against(definition, at)):
             raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
-        if self._monitoring.is_on:
-            name = self._request.entry.name
-            requirements = self._monitoring.requirements_of(name)
-            for problem in self._monitoring.problems_of(name, machine_vocabulary(definition)):
-                self._observer.log(ExecutiveLog.WARN, '', problem)
-            self._monitor = MachineMonitor(declared_resources(definition), self._findings.add, requirements)
         return MachineRun(
             definition,
             self._services.runtime.clock,
-            self,
+            self._machine_observer,
             autonomy=self._request.autonomy,
             userdata=checked_inputs(definition, self._request.inputs) if at is None else None,
             services=self._services,
             steady=self._services.runtime.steady,
             stop_timeout=self._stop_timeout,
             on_wake=self._wake_event.set,
-            monitor=self._monitor,
+            monitor=self._monitors.monitor_for(self._request.entry.name, definition),
         )
-
-    def _tell_finding(self, violation: Violation) -> None:
-        text = violation_text(violation)
-        self._observer.log(ExecutiveLog.ERROR, violation.where if violation.where.startswith('/') else '', text)
-        self._observer.event('violation', {'property': violation.property.name, 'path': violation.where, 'text': text})
-        if violation is self._findings.first:
-            self._publish(wrong=text)
-        if self._monitoring.stops:
-            self.stop(text)
 
     def _await_nodes(self) -> None:
         """A node that is alive, and not ready yet, would let the first state that needs it fail."""
@@ -460,8 +365,7 @@ class BehaviorRun:
         def switched(reason: str | None) -> None:
             if reason is None:
                 self._request = request
-                if self._monitor is not None:
-                    self._monitor.resources = declared_resources(definition)
+                self._monitors.switched(definition)
                 self._publish(**_when_gone(behavior))
                 self._observer.switched(request, structure)
                 self._tell_skills(definition)
@@ -486,7 +390,7 @@ class BehaviorRun:
         self._observer.log(ExecutiveLog.ERROR, '', ''.join(traceback.format_exception(error)))
         return f'building it raised {type(error).__name__}: {error}'
 
-    def _drive(self, machine: MachineRun) -> tuple[str, str]:
+    def _drive(self, machine: MachineRun, source: SnapshotSource) -> tuple[str, str]:
         """Step the machine to its end; gives the outcome and a message."""
         try:
             if self._request.at is None:
@@ -502,13 +406,13 @@ class BehaviorRun:
                         self.stop('it ends by a fault')
                     if self._has_changed:
                         self._commit()
-                    if self._has_activity_changed or self._is_activity_shown:
-                        self._ask_activities()
+                    if self._activities.is_due:
+                        self._ask_activities(source)
                     while self._switches:
                         self._switch(machine, *self._switches.popleft())
                     with self._loop.resting():
                         self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
-                return machine.outcome or ERROR, machine.message or self._why_ended
+                return machine.outcome or ERROR, machine.message or self._machine_observer.why_ended
             except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
@@ -539,29 +443,18 @@ class BehaviorRun:
         machine.fail(f'{type(error).__name__} escaped from the state machine: {error}')
 
     def _activity_changed(self) -> None:
-        self._has_activity_changed = True
+        self._activities.changed()
         self._wake_event.set()
 
-    def _ask_activities(self) -> None:
-        # One that is another one each time it is asked for, such as a time, is no event: the next status has it.
-        is_told = self._has_activity_changed
-        self._has_activity_changed = self._is_activity_shown = False
-        source, before = self._source, self._snapshot.active
-        if source is not None and (active := source.asked(before)) != before:
-            self._tell_not_paused(before, active)
-            with self._lock:
-                self._snapshot = replace(self._snapshot, active=active)
-            self._is_activity_untold = True
-        if is_told and self._is_activity_untold:
-            self._is_activity_untold = False
+    def _ask_activities(self, source: SnapshotSource) -> None:
+        before = self._snapshot.active
+        active, is_shown = self._activities.ask(source, before)
+        for line in not_paused_lines(before, active):
+            self._observer.log(ExecutiveLog.WARN, '', line)
+        with self._lock:
+            self._snapshot = replace(self._snapshot, active=active)
+        if is_shown:
             self._observer.changed()
-
-    def _tell_not_paused(self, before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) -> None:
-        told = {leaf.path: leaf.not_paused for leaf in before}
-        for leaf in now:
-            if leaf.not_paused and leaf.not_paused != told.get(leaf.path):
-                text = f'state {leaf.path} is paused, and yet goes on: {"; ".join(leaf.not_paused)}'
-                self._observer.log(ExecutiveLog.WARN, '', text)
 
     def _commit(self) -> None:
         """Journal where the machine is, then publish it, then answer the commands that brought it there."""

@@ -41,7 +41,7 @@ class RunOwner(Protocol):
 
 
 class RunRecorder:
-    """Observer of one run; see :class:`flexbt_onboard.runs.behavior_run.BehaviorRunObserver`.
+    """Observer of one run; see :class:`flexbt_onboard.runs.run_observer.BehaviorRunObserver`.
 
     ``answer`` is that of the command that has started it.
     """

@@ -123,7 +123,7 @@ class SnapshotSource:
     """Takes snapshots of a machine. Used on the thread of the run only."""
 
     def __init__(self, machine: MachineRun, clock: RosClock, run_id: str, goals: RunGoals) -> None:
-        self._machine = machine
+        self.machine = machine
         self._goals = goals
         self._clock = clock
         self._run_id = run_id
@@ -131,7 +131,7 @@ class SnapshotSource:
 
     def is_outdated(self) -> bool:
         """Whether a state is active that is not in the last snapshot."""
-        return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in self._machine.active_states())
+        return any(self._entered_at.get(leaf.path) != leaf.entered_at for leaf in self.machine.active_states())
 
     def left(self, path: str) -> None:
         """A state was left: when it is seen again it was entered anew, even if no time has passed."""
@@ -142,7 +142,7 @@ class SnapshotSource:
 
         What has not changed since the snapshot ``before`` keeps its time stamp.
         """
-        machine, known = self._machine, {leaf.path: leaf for leaf in before.active}
+        machine, known = self.machine, {leaf.path: leaf for leaf in before.active}
         events: list[Event] = []
         active = []
         held_back = machine.held_back
@@ -168,7 +168,7 @@ class SnapshotSource:
 
     def asked(self, active: tuple[ActiveLeaf, ...]) -> tuple[ActiveLeaf, ...]:
         """The active states with what they say that they are doing, and not pausing; this calls their code."""
-        runs = {leaf.path: leaf for leaf in self._machine.active_states()}
+        runs = {leaf.path: leaf for leaf in self.machine.active_states()}
         return tuple(self._asked(leaf, runs[leaf.path]) if leaf.path in runs else leaf for leaf in active)
 
     def _asked(self, leaf: ActiveLeaf, run: LeafRun) -> ActiveLeaf:
@@ -184,7 +184,7 @@ class SnapshotSource:
     def _decisions(self, known: dict[str, RunDecision]) -> tuple[tuple[RunDecision, ...], list[Event]]:
         decisions: list[RunDecision] = []
         events: list[Event] = []
-        for decision in self._machine.decisions:
+        for decision in self.machine.decisions:
             shown = known.pop(decision_id(self._run_id, decision.id), None)
             if shown is None:
                 shown = RunDecision(
