@@ -12,6 +12,7 @@ release = '0.1.0'
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.viewcode', 'sphinx_copybutton', 'sphinxcontrib.mermaid']
 exclude_patterns = ['tools']
 
+# As in the documentation of Fast DDS and of Vulcanexus; sphinx_rtd_theme, which docs.ros.org has, knows no dark form.
 html_theme = 'furo'
 html_title = f'{project} {release}'
 html_static_path = ['style']

@@ -89,11 +89,19 @@ def test_every_page_of_the_documentation_is_in_a_table_of_contents() -> None:
     assert listed == set(docs.rglob('*.md'))
 
 
-def test_the_files_and_folders_that_the_instructions_name_exist() -> None:
-    page = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
-    named = re.findall(r'`((?:flexbt_|docs|test|tools|benchmarks)[\w./]*/[\w./]*)`', page)
-    assert len(named) > 20
-    assert [name for name in named if not (ROOT / name).exists()] == []
+def test_the_files_and_tests_that_are_named_exist() -> None:
+    pages = '\n'.join(
+        page.read_text(encoding='utf-8') for page in (ROOT / 'CONTRIBUTING.md', *ROOT.glob('docs/explanation/*.md'))
+    )
+    files = set(re.findall(r'`((?:flexbt_|docs|test|tools|benchmarks)[\w./]*/[\w./]*)`', pages))
+    assert len(files) > 20
+    assert [
+        name for name in files if not any((ROOT / top / name).exists() for top in ('', name.partition('/')[0]))
+    ] == []
+    modules = set(re.findall(r'`(test_\w+|\w+(?=\.py\b[^`]*`))', pages))
+    assert len(modules) > 10
+    places = ('flexbt_*', 'test', 'benchmarks', 'tools', 'docs')
+    assert modules - {file.stem for place in places for file in ROOT.glob(f'{place}/**/*.py')} == set()
 
 
 def test_what_is_included_exists_and_its_links_lead_to_pages_of_the_site_as_well() -> None:

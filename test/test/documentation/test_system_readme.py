@@ -35,7 +35,7 @@ def example(heading: str, language: str) -> str:
 def test_the_examples_are_short() -> None:
     for heading, language in (('A tree', 'xml'), ('A state', 'python'), ('A mission', 'python')):
         lines = [line for line in example(heading, language).splitlines() if line and not line.startswith('from ')]
-        assert len(lines) <= 14, heading
+        assert len(lines) <= 12, heading
 
 
 def test_the_tree_recovers_without_a_robot(tmp_path: Path) -> None:
