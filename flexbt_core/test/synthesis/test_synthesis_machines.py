@@ -31,6 +31,13 @@ def test_autonomy_is_kept_by_outcome() -> None:
     assert machine.states['brew'].autonomy == {'done': 1, 'failed': 1}
 
 
+def test_effects_may_be_by_an_outcome_of_the_state_too() -> None:
+    """As in flexbe_synthesis, which looks at the first letter: ``failed`` counts as ``failure``."""
+    spilled = ('failure: [grind]}', "failure: [grind], failed: ['!press']}")
+    machine = made(coffee(spilled, ("failure: ['!press']", "failed: ['!press']")))
+    assert edges(machine) == edges(made(coffee()))
+
+
 def test_failing_for_ever_is_success_only_where_that_was_asked_for() -> None:
     """A brew that loses what was ground, while grinding is never possible again, cannot be relied on."""
     changes = (

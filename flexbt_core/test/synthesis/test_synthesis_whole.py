@@ -93,12 +93,31 @@ def test_capabilities_say_which_states_carry_it_out_and_nothing_is_lost_in_silen
     mappings = 'state_outcome_mappings: {done: completed}\nsm_outcome_mappings: {finished: finished}\n'
     capabilities = read_capabilities(mappings + text, 'coffee.yaml')
     given = read_specification(COFFEE, 'whole')
-    assert not is_whole(given, capabilities)  # it does not speak of tea
+    assert is_whole(given, capabilities)  # also without tea
+    assert not is_whole(read_specification("[OUTPUT]\npress_a\n[SYS_TRANS]\n!brew_a'", 'some'), capabilities)
     problem = hand_written(given, Request(), capabilities, lambda name, parameters: Interface(('done',)))
     machine = synthesize(problem).machine
     assert machine is not None
     assert edges(machine)['grind'] == {'done': 'brew'}
     assert [note.partition(':')[0] for note in machine.notes] == ['grind', 'tea']
+
+
+def test_a_failure_by_which_a_specification_ends_needs_no_request() -> None:
+    """Where the state cannot fail, the request counts alone, as in flexbe_synthesis' example with such a text."""
+    gives_up = "failed' <-> ((grind_a & grind_f') | failed)\nfailed' -> !press_a' & !grind_a' & !brew_a'"
+    text = COFFEE.replace('[OUTPUT]', '[OUTPUT]\nfailed').replace('[SYS_TRANS]', f'[SYS_TRANS]\n{gives_up}')
+    text = text.replace('[SYS_LIVENESS]\nfinished', '[SYS_INIT]\n!failed\n[SYS_LIVENESS]\nfinished | failed')
+    finished = Request(outcomes=('finished',))
+    machine = made(text, finished)
+    assert machine.outcomes == ('finished', 'failed')
+    assert edges(machine)['grind'] == {'completed': 'brew', 'failure': 'failed'}
+    states = ', '.join(f'{name}: {{interface: Log}}' for name in ('press', 'grind', 'brew'))
+    mappings = 'state_outcome_mappings: {done: completed}\nsm_outcome_mappings: {finished: finished}\n'
+    log = read_capabilities(f'{mappings}capabilities: {{{states}}}', 'log.yaml')
+    whole = read_specification(text, 'whole')
+    machine = synthesize(hand_written(whole, finished, log, lambda name, parameters: Interface(('done',)))).machine
+    assert machine is not None and machine.outcomes == ('finished',)
+    assert "nothing leads to the outcome 'failed', so the machine does not have it" in machine.notes
 
 
 class Done(EventState):

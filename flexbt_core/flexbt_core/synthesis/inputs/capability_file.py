@@ -118,7 +118,7 @@ def read_capabilities(text: str, source: str, mappings: Mappings | None = None) 
     if 'capabilities' not in entries:
         file.note(1, 'there are no capabilities: write "capabilities:" with an entry for each')
     capabilities = {
-        label: _capability(file, label, node, own.transition_outcomes)
+        label: _capability(file, label, node, own)
         for label, node in file.entries(entries.get('capabilities'), 'capabilities').items()
     }
     if 'capabilities' in entries and not capabilities:
@@ -170,7 +170,7 @@ def _memory(file: YamlFile, node: yaml.Node | None) -> tuple[dict[str, bool], fr
     return memory, frozenset(world)
 
 
-def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str, ...]) -> Capability:
+def _capability(file: YamlFile, name: str, node: yaml.Node, mappings: Mappings) -> Capability:
     what = f'capability {excerpt(name)}'
     _checked_name(file, name, node, what)
     entries = file.entries(node, what, _CAPABILITY_KEYS)
@@ -184,8 +184,8 @@ def _capability(file: YamlFile, name: str, node: yaml.Node, outcomes: tuple[str,
         line_of(node),
         _parameters(file, what, parameters, entries.get('deadline')),
         file.words(entries.get('preconditions'), f'preconditions of {what}'),
-        _by_outcome(file, entries.get('postconditions'), f'postconditions of {what}', outcomes),
-        _by_outcome(file, entries.get('transition_relation'), f'transition_relation of {what}', outcomes),
+        _by_outcome(file, entries.get('postconditions'), f'postconditions of {what}', mappings),
+        _by_outcome(file, entries.get('transition_relation'), f'transition_relation of {what}', mappings),
         autonomy,
         default,
         _userdata(file, entries.get('userdata_in'), f'userdata_in of {what}'),
@@ -220,17 +220,18 @@ def _resources(file: YamlFile, node: yaml.Node, what: str) -> frozenset[str]:
     return frozenset(one.text for one in named)
 
 
-def _by_outcome(
-    file: YamlFile, node: yaml.Node | None, what: str, outcomes: tuple[str, ...]
-) -> dict[str, tuple[Entry, ...]]:
-    """Lists by normalized outcome; a list by itself is of the first one."""
-    if isinstance(node, yaml.MappingNode):
-        return {
-            outcome: file.words(one, f'{what} after {outcome}')
-            for outcome, one in file.entries(node, what, outcomes).items()
-        }
-    words = file.words(node, what)
-    return {outcomes[0]: words} if words else {}
+def _by_outcome(file: YamlFile, node: yaml.Node | None, what: str, mappings: Mappings) -> dict[str, tuple[Entry, ...]]:
+    """Lists by normalized outcome, each by its name, or by that of an outcome of states that counts as it; a list by
+    itself is of the first one."""
+    if not isinstance(node, yaml.MappingNode):
+        words = file.words(node, what)
+        return {mappings.transition_outcomes[0]: words} if words else {}
+    known = {**mappings.state_outcomes, **{one: one for one in mappings.transition_outcomes}}
+    found: dict[str, tuple[Entry, ...]] = {}
+    for outcome, one in file.entries(node, what, known).items():
+        normalized = known.get(outcome, outcome)
+        found[normalized] = found.get(normalized, ()) + file.words(one, f'{what} after {outcome}')
+    return found
 
 
 def _autonomy(file: YamlFile, node: yaml.Node | None, what: str) -> tuple[dict[str, int], int]:

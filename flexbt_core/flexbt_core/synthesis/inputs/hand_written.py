@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Final
 
 from flexbt_core.synthesis.errors import SynthesisError
+from flexbt_core.synthesis.games import Section
 
 from .capability_file import DEFAULT_OUTCOMES, Capability, CapabilityFile, Mappings
 from .interface import Interface, Interfaces
@@ -24,10 +25,13 @@ BEGIN: Final = 'begin_game'
 
 
 def is_whole(given: SpecificationFile, capabilities: CapabilityFile) -> bool:
-    """Whether a specification speaks of all capabilities and of what the system may do, so that it needs no others."""
-    rules = any(formulas for section, formulas in given.formulas.items() if section.value == 'SYS_TRANS')
-    named = CAPABILITY in given.variables or all(f'{name}_a' in given.variables for name in capabilities.capabilities)
-    return rules and named
+    """Whether a specification says what the system may do, and has activations with their outcomes, so that it needs no
+    others. It need not have all capabilities."""
+    inputs = {one.name for one in given.variables.values() if one.is_input}
+    told = suffixes(capabilities.mappings.transition_outcomes).values()
+    activated = {*_activated(given)} & capabilities.capabilities.keys()
+    named = CAPABILITY in given.variables or any(f'{name}_{end}' in inputs for name in activated for end in told)
+    return named and any(section is Section.SYS_TRANS and lines for section, lines in given.formulas.items())
 
 
 def hand_written(
@@ -103,11 +107,12 @@ class _HandWritten(Translation):
         return known or {name: number for number, name in enumerate(sorted(self._file.capabilities), 1)}
 
     def _ends(self) -> dict[str, str]:
-        if self._request.outcomes:
-            return super()._ends()
+        """Those of the request, and the failures by which the specification ends; without a request all of it."""
         mapped = {**{one: one for one in sorted(FAILURE_OUTCOMES)}, **self._file.mappings.machine_outcomes}
         outputs = {one.name for one in self._given.variables.values() if not one.is_input}
-        return {outcome: proposition for outcome, proposition in mapped.items() if proposition in outputs}
+        asked = super()._ends() if self._request.outcomes else {}
+        own = {outcome: proposition for outcome, proposition in mapped.items() if proposition in outputs}
+        return {**asked, **{one: own[one] for one in own if not asked or one in FAILURE_OUTCOMES}}
 
     def _remembered(self) -> dict[str, bool]:
         return {name.removesuffix('_m'): False for name in self._given.variables if name.endswith('_m')}
