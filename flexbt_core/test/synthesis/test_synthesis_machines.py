@@ -76,6 +76,19 @@ def test_what_a_failure_changes_is_not_repeated_as_if_it_had_not() -> None:
     assert 'brew is not repeated after failed, which changes what is known' in machine.notes
 
 
+def test_the_same_outcome_has_the_same_answer_where_that_is_as_near() -> None:
+    """What is possible only later on (wash) is no better after a failure than what helped the first time (dust)."""
+    others = '  dust: {interface: Try, postconditions: [dust]}\n  wash: {interface: Try, preconditions: [dust]}\n'
+    machine = made(
+        coffee(
+            ("['!press']\n", "['!press']\n    transition_relation: {failure: [dust, wash]}\n"),
+            ('capabilities:\n', f'capabilities:\n{others}'),
+        )
+    )
+    assert edges(machine)['press'] == {'done': 'grind', 'failed': 'dust'}
+    assert sorted(machine.states) == ['brew', 'dust', 'grind', 'press']
+
+
 class Try(EventState):
     """Fails as often as ``failures`` says for its place in the machine."""
 

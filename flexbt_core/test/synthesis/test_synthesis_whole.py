@@ -115,9 +115,9 @@ def test_a_failure_by_which_a_specification_ends_needs_no_request() -> None:
     mappings = 'state_outcome_mappings: {done: completed}\nsm_outcome_mappings: {finished: finished}\n'
     log = read_capabilities(f'{mappings}capabilities: {{{states}}}', 'log.yaml')
     whole = read_specification(text, 'whole')
-    machine = synthesize(hand_written(whole, finished, log, lambda name, parameters: Interface(('done',)))).machine
-    assert machine is not None and machine.outcomes == ('finished',)
-    assert "nothing leads to the outcome 'failed', so the machine does not have it" in machine.notes
+    cannot_fail = synthesize(hand_written(whole, finished, log, lambda name, parameters: Interface(('done',)))).machine
+    assert cannot_fail is not None and cannot_fail.outcomes == ('finished',)
+    assert "nothing leads to the outcome 'failed', so the machine does not have it" in cannot_fail.notes
 
 
 class Done(EventState):

@@ -2,7 +2,7 @@
 """A winning strategy as a graph: what the system answers to each move of the world.
 
 The graph is the same whenever it is made: each choice is by the nearest layer, then for a node that exists, then for
-the least change, then by the order of the variables.
+what was changed after the same inputs before, then for the least change, then by the order of the variables.
 """
 
 from __future__ import annotations
@@ -84,6 +84,7 @@ class _Extraction:
         self._winning_next = of.primed(solution.winning)
         self._numbers: dict[tuple[tuple[int, ...], int], int] = {}
         self._states: list[tuple[dict[Name, int], int]] = []
+        self._changed: dict[tuple[int, ...], dict[Name, int]] = {}  # by inputs, the outputs of the first answer
 
     def strategy(self) -> Strategy:
         game, of = self._game, self._encoding
@@ -148,9 +149,12 @@ class _Extraction:
             ):
                 return number
         idle = game.specification.idle
-        wanted = {Name(name.name, True): 0 if name.name in idle else state[name] for name in game.outputs}
-        outputs = of.nearest(game.outputs_next, choices, wanted)
-        return self._number({**now, **{Name(name.name): value for name, value in outputs.items()}}, goal)
+        told = tuple(inputs.values())
+        usual = {name: 0 if name.name in idle else state[name] for name in game.outputs} | self._changed.get(told, {})
+        outputs = of.nearest(game.outputs_next, choices, {Name(name.name, True): one for name, one in usual.items()})
+        after = {Name(name.name): value for name, value in outputs.items()}
+        self._changed.setdefault(told, {name: one for name, one in after.items() if one != state[name]})
+        return self._number({**now, **after}, goal)
 
     def _number(self, state: dict[Name, int], goal: int) -> int:
         key = (tuple(state[name] for name in (*self._game.inputs, *self._game.outputs)), goal)
