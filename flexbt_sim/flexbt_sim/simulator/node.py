@@ -13,7 +13,7 @@ import contextlib
 import sys
 import threading
 import traceback
-from typing import Any, Final
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
@@ -40,14 +40,6 @@ from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_par
 from .robot_topics import Commands, Message, RobotTopics
 from .scene import Scene
 from .time_services import TimeServices
-
-CLOCK_PERIOD: Final = 0.05
-"""Greatest simulated time between two messages of /clock, s. A message costs every node of the robot a wake-up, unless
-it comes together with the odometry; so the clock has the period of that if it is shorter."""
-
-REST_PERIOD: Final = 0.1
-"""Simulated time from one pose of a robot at rest to the next, s: most of what a simulation at rest costs, in all
-processes, is what it sends."""
 
 
 class Simulator:
@@ -86,11 +78,15 @@ class Simulator:
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
 
     def _set_periods(self) -> None:
-        step = self.world.step_size
-        self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
-        at_rest = max(1, round(CLOCK_PERIOD / step))
+        """Of messages, in steps. Each message costs every node that hears it a wake-up: most of what a simulation at
+        rest costs, in all processes. So poses at rest come together with messages of /clock."""
+
+        def steps(rate: float) -> int:
+            return max(1, round(1.0 / (rate * self.world.step_size)))
+
+        self._steps_per_odom, at_rest = steps(self.parameters.odom_rate), steps(self.parameters.clock_rate)
         self._steps_per_clock = {True: min(self._steps_per_odom, at_rest), False: at_rest}
-        self._steps_per_rest = max(self._steps_per_odom, at_rest * max(1, round(REST_PERIOD / (at_rest * step))))
+        self._steps_per_rest = max(self._steps_per_odom, at_rest)
 
     def _compile(self) -> None:
         """In a thread of its own: the world would stand still for seconds."""

@@ -36,6 +36,7 @@ class SimulatorParameters:
     namespaces: bool
     initialpose_moves: bool
     odom_rate: float
+    clock_rate: float
     stamped_cmd_vel: bool
     cmd_vel_topic: str
     map_frame: str
@@ -122,6 +123,13 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
             1.0,
             100.0,
             'rate of odometry and transforms, and of the pose of a robot that is driven, Hz of simulated time',
+        ),
+        clock_rate=declare.real(
+            'clock_rate',
+            10.0,
+            1.0,
+            1000.0,
+            'rate of /clock and of poses while no robot is driven, Hz of simulated time; else that of odometry',
         ),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),

@@ -279,7 +279,8 @@ class Pacer:
         self._schedule.advance(simulated, time.monotonic(), fastest)
         computing = bool(self._computing)
         while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
-            if computing and self._schedule.factor == 0.0 and not self._computing:
+            is_over = self._drivers.acting(now) or (computing and not self._computing)
+            if is_over and self._schedule.factor == 0.0:
                 self._schedule = Schedule(0.0, time.monotonic())  # it is done, and waited for no longer
                 return
             self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)

@@ -89,21 +89,34 @@ def test_odometry_tells_pose_and_speed_at_its_rate(simulator: RobotProbe) -> Non
     assert took / 9 == pytest.approx(0.03, rel=0.2)
 
 
-def test_a_pose_comes_rarely_while_the_robot_is_at_rest_and_often_while_it_is_driven(simulator: RobotProbe) -> None:
+def test_poses_and_clock_come_rarely_while_the_robot_is_at_rest_and_often_while_it_is_driven(
+    simulator: RobotProbe,
+) -> None:
     simulator.place(DOCK)
-    simulator.wait(lambda: all(gap > 0.05 for gap in gaps(simulator)), 'poses at rest')
+    ticks: list[float] = []
+    node = simulator.runtime.node
+    on_clock = simulator.runtime.call(
+        lambda: node.create_subscription(Clock, names.CLOCK, lambda told: ticks.append(seconds_of(told.clock)), LOSSY)
+    )
+    simulator.wait(lambda: min(gaps(simulator)) > 0.08 and min(gaps_of(ticks), default=0.0) > 0.08, 'a robot at rest')
     assert min(gaps(simulator)) < 0.12
 
     def is_often() -> bool:
         simulator.drive(0.2)
-        return any(gap < 0.05 for gap in gaps(simulator))
+        return any(gap < 0.05 for gap in gaps(simulator)) and any(gap < 0.05 for gap in gaps_of(ticks))
 
-    simulator.wait(is_often, 'poses of a drive')
+    simulator.wait(is_often, 'poses and clock of a drive')
+    simulator.runtime.call(lambda: node.destroy_subscription(on_clock))
 
 
 def gaps(probe: RobotProbe) -> list[float]:
     """Simulated time between the last six poses, s."""
-    return [later.time - earlier.time for earlier, later in pairwise(probe.sightings[-6:])]
+    return gaps_of([sighting.time for sighting in probe.sightings])
+
+
+def gaps_of(times: list[float]) -> list[float]:
+    """From each of the last six to the next, s."""
+    return [later - earlier for earlier, later in pairwise(times[-6:])]
 
 
 def test_transforms_lead_from_the_map_to_the_lidar(simulator: RobotProbe) -> None:
