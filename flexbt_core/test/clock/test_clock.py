@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.clock import Clock, ManualClock, SteadyClock, TimerQueue, WakeEvent
+from flexbt_core.clock import Clock, ManualClock, SteadyClock, TimerQueue, WakeEvent, seconds_asleep
 from flexbt_testing.waiting import DEADLINE
 
 
@@ -201,3 +201,17 @@ def test_steady_clock_needs_no_thread_before_the_first_timer() -> None:
     assert abs(clock.now() - time.monotonic()) < 1.0
     assert threading.active_count() == before
     clock.close()
+
+
+def test_what_lies_between_the_looks_at_two_clocks_is_no_sleep_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever compares it with the wall's clock would take what is missing for a clock that was set."""
+    asleep, now, pauses = 3600.0, 1000.0, iter((0.0, 0.3, 0.2, 0.0, 0.0, 0.0))
+
+    def monotonic() -> float:
+        nonlocal now
+        now += next(pauses)  # another process runs before the look
+        return now
+
+    monkeypatch.setattr(time, 'monotonic', monotonic)
+    monkeypatch.setattr(time, 'clock_gettime', lambda _: now + asleep)
+    assert seconds_asleep() == pytest.approx(asleep, abs=0.001)
