@@ -23,7 +23,7 @@ setup(
         'console_scripts': [
             'console = flexbt_console.executables:console',
             'recorder = flexbt_console.executables:recorder',
-            'replay = flexbt_console.recording.replay:main',
+            'replay = flexbt_console.executables:replay',
         ],
     },
 )

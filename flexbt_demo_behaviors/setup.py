@@ -32,7 +32,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'demo = flexbt_demo_behaviors.demonstration.main:main',
+            'demo = flexbt_demo_behaviors.executables:demo',
         ],
         'flexbt.behaviors': [
             'inspect_site = flexbt_demo_behaviors.behaviors.inspection:InspectSite',

@@ -33,7 +33,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'goals = flexbt_demo_goals.demonstration.main:main',
+            'goals = flexbt_demo_goals.executables:goals',
         ],
         'flexbt.behaviors': [
             'reach_goal = flexbt_demo_goals.behavior.reach_goal:ReachGoal',

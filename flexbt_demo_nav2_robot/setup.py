@@ -32,8 +32,8 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'deliveries = flexbt_demo_nav2_robot.program.deliveries:main',
-            'nav2_robot = flexbt_demo_nav2_robot.demonstration.main:main',
+            'deliveries = flexbt_demo_nav2_robot.executables:deliveries',
+            'nav2_robot = flexbt_demo_nav2_robot.executables:nav2_robot',
         ],
         'flexbt.behaviors': [
             'ask_operator = flexbt_demo_nav2_robot.behavior.ask_operator:AskOperator',

@@ -32,7 +32,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'night_watch = flexbt_demo_night_watch.demonstration.main:main',
+            'night_watch = flexbt_demo_night_watch.executables:night_watch',
         ],
         'flexbt.behaviors': [
             'night_watch = flexbt_demo_night_watch.behavior.night_watch:NightWatch',

@@ -22,7 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'onboard_executive = flexbt_onboard.executables:onboard_executive',
-            'run_report = flexbt_onboard.event_log.run_report:main',
+            'run_report = flexbt_onboard.executables:run_report',
         ],
     },
 )

@@ -32,7 +32,7 @@ setup(
             'simulator = flexbt_sim.executables:simulator',
             'navigation = flexbt_sim.executables:navigation',
             'simulation = flexbt_sim.executables:simulation',
-            'world_tool = flexbt_sim.world_tool:main',
+            'world_tool = flexbt_sim.executables:world_tool',
         ],
     },
 )

@@ -21,9 +21,9 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
-            'behavior_tool = flexbt_tools.cli.behavior_tool:main',
-            'bt_tool = flexbt_tools.cli.bt_tool:main',
-            'security_policy = flexbt_tools.cli.security_policy:main',
+            'behavior_tool = flexbt_tools.executables:behavior_tool',
+            'bt_tool = flexbt_tools.executables:bt_tool',
+            'security_policy = flexbt_tools.executables:security_policy',
         ],
         'flexbt.synthesis': ['search = flexbt_tools.synthesis.search:main'],
     },

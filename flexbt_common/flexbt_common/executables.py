@@ -25,14 +25,19 @@ def load(module: str) -> ModuleType:
     return loaded
 
 
-def run_main(module: str) -> int:
+def run_main(module: str, *, raises_interrupt: bool = False) -> int:
     """Import a module, which may take a second, and run its ``main()``; gives the exit code of the process.
 
     Until ``main()`` installs a handler of its own, a SIGINT ends the process by that signal (130 for a shell): Python's
     own raises KeyboardInterrupt wherever the program is, and from a callback of importlib or of the garbage collector
     that goes no further than to standard error. One that is ignored stays so, as in the background of a shell.
+    With ``raises_interrupt``, ``main()`` has Python's handler.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    handler = signal.getsignal(signal.SIGINT)
+    if handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    exit_code: int = load(module).main()
+    main = load(module).main
+    if raises_interrupt:
+        signal.signal(signal.SIGINT, handler)
+    exit_code: int = main()
     return exit_code

@@ -12,3 +12,8 @@ def console() -> int:
 def recorder() -> int:
     """See :mod:`flexbt_console.recording.recorder`; gives the exit code."""
     return run_main('flexbt_console.recording.recorder')
+
+
+def replay() -> int:
+    """See :mod:`flexbt_console.recording.replay`; gives the exit code."""
+    return run_main('flexbt_console.recording.replay', raises_interrupt=True)

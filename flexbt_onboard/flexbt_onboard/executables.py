@@ -7,3 +7,8 @@ from flexbt_common.executables import run_main
 def onboard_executive() -> int:
     """See :mod:`flexbt_onboard.node.onboard_executive`; gives the exit code."""
     return run_main('flexbt_onboard.node.onboard_executive')
+
+
+def run_report() -> int:
+    """See :mod:`flexbt_onboard.event_log.run_report`; gives the exit code."""
+    return run_main('flexbt_onboard.event_log.run_report')

@@ -17,3 +17,8 @@ def navigation() -> int:
 def simulation() -> int:
     """See :mod:`flexbt_sim.simulation`; gives the exit code."""
     return run_main('flexbt_sim.simulation')
+
+
+def world_tool() -> int:
+    """See :mod:`flexbt_sim.world_tool`; gives the exit code."""
+    return run_main('flexbt_sim.world_tool')

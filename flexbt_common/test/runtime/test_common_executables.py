@@ -27,6 +27,13 @@ def main():
     except KeyboardInterrupt:
         return 7
 """,
+    'interrupted main': """
+def main():
+    try:
+        stay()
+    except KeyboardInterrupt:
+        return 8
+""",
 }
 """Modules of an executable that stay at some place. What a callback raises goes no further."""
 STAY = """
@@ -38,25 +45,27 @@ def stay():
     time.sleep(60.0)
 
 """
-START = "import sys; from flexbt_common.executables import run_main; sys.exit(run_main('slow'))"
+START = "import sys; from flexbt_common.executables import run_main; sys.exit(run_main('slow', raises_interrupt={}))"
 
 
 @pytest.mark.parametrize(
-    ('place', 'number', 'code'),
+    ('place', 'raises_interrupt', 'number', 'code'),
     [
-        ('import', signal.SIGINT, -signal.SIGINT),
-        ('import', signal.SIGTERM, -signal.SIGTERM),
-        ('main', signal.SIGINT, -signal.SIGINT),
-        ('callback', signal.SIGINT, -signal.SIGINT),
-        ('own handler', signal.SIGINT, 7),
+        ('import', False, signal.SIGINT, -signal.SIGINT),
+        ('import', True, signal.SIGINT, -signal.SIGINT),
+        ('import', False, signal.SIGTERM, -signal.SIGTERM),
+        ('main', False, signal.SIGINT, -signal.SIGINT),
+        ('callback', False, signal.SIGINT, -signal.SIGINT),
+        ('own handler', False, signal.SIGINT, 7),
+        ('interrupted main', True, signal.SIGINT, 8),
     ],
 )
 def test_a_signal_ends_a_process_until_it_handles_it_itself(
-    tmp_path: Path, place: str, number: signal.Signals, code: int
+    tmp_path: Path, place: str, raises_interrupt: bool, number: signal.Signals, code: int
 ) -> None:
     (tmp_path / 'slow.py').write_text(STAY + PLACES[place])
     with subprocess.Popen(
-        [sys.executable, '-c', START],
+        [sys.executable, '-c', START.format(raises_interrupt)],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -75,7 +84,7 @@ def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:
         'import signal\n\ndef main(): return int(signal.getsignal(2) != signal.SIG_IGN)\n'
     )
     done = subprocess.run(
-        [sys.executable, '-c', START],
+        [sys.executable, '-c', START.format(True)],
         cwd=tmp_path,
         check=False,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
@@ -90,4 +99,4 @@ def test_loading_leaves_out_what_generates_message_code(tmp_path: Path) -> None:
         '    String.__class__.__import_type_support__()\n'
         '    return int(not gc.isenabled() or gc.get_freeze_count() == 0 or "rosidl_parser.parser" in sys.modules)\n'
     )
-    assert subprocess.run([sys.executable, '-c', START], cwd=tmp_path, check=False).returncode == 0
+    assert subprocess.run([sys.executable, '-c', START.format(False)], cwd=tmp_path, check=False).returncode == 0

@@ -13,9 +13,20 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message
+
+from flexbt_common import names
 from flexbt_common.cli import make_streams_safe
+from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import resolve_type
 from flexbt_console.commands import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
+from flexbt_core.clock import WakeEvent
+
+from .definitions import fields_of, full_definition
+from .run_file import DAMAGED, read_run, recover_run
+from .topics import NOT_REPLAYED, TOPICS
 
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for a real executive before anything is published."""
@@ -27,8 +38,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.recover is not None:
-            from .run_file import recover_run
-
             print(f'{options.recover}: {recover_run(options.file, options.recover)} messages')
         else:
             replay(options.file, rate=options.rate, namespace=options.namespace, start=options.start)
@@ -69,10 +78,6 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         UsageError: the file cannot be used.
         NoLinkError: a real executive is there, which must not be mixed up with a recorded one.
     """
-    from flexbt_common.runtime import NodeRuntime
-
-    from .run_file import DAMAGED, read_run
-    from .topics import NOT_REPLAYED
 
     def tell_damage() -> None:
         print(f'replay: {file}: {DAMAGED}', file=sys.stderr)
@@ -102,9 +107,7 @@ def _chained(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
 class _Stage:
     """The publishers of a replay, made as they are needed; ``mark`` is shown with each status."""
 
-    def __init__(self, runtime: Any, mark: str) -> None:
-        from flexbt_core.clock import WakeEvent
-
+    def __init__(self, runtime: NodeRuntime, mark: str) -> None:
         self._runtime = runtime
         self._wake_event = WakeEvent()
         self._mark = mark
@@ -112,8 +115,6 @@ class _Stage:
 
     def refuse_executives(self) -> None:
         """Raises NoLinkError when somebody publishes a status here."""
-        from flexbt_common import names
-
         node = self._runtime.node
         topic = node.resolve_topic_name(names.EXECUTIVE_STATUS)
         self.wait_until(self._runtime.steady.now() + DISCOVERY_SECONDS)
@@ -134,10 +135,6 @@ class _Stage:
         self._runtime.call(lambda: publisher.publish(shown))
 
     def _marked(self, type: Any, message: Any) -> Any:
-        from rclpy.serialization import deserialize_message
-
-        from flexbt_common import names
-
         if message.topic != names.EXECUTIVE_STATUS:
             return message.data
         status = deserialize_message(message.data, type)
@@ -146,17 +143,10 @@ class _Stage:
 
     def flush(self) -> None:
         """Wait until the subscribers have got everything."""
-        from rclpy.duration import Duration
-
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=1))
 
     def _publisher(self, message: Any) -> Any:
-        from flexbt_common.values import resolve_type
-
-        from .definitions import fields_of, full_definition
-        from .topics import TOPICS
-
         topic = TOPICS.get(message.topic)
         if topic is None or topic.type != message.type:
             raise UsageError(f'{message.topic} has the type {message.type}, which is not known here')

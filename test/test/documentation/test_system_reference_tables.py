@@ -4,7 +4,7 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -44,13 +44,23 @@ def codes(cell: str) -> list[str]:
     return re.findall(r'`([^`]+)`', cell)
 
 
+def executables() -> Iterator[metadata.EntryPoint]:
+    for distribution in metadata.distributions():
+        if distribution.name.startswith('flexbt'):
+            yield from distribution.entry_points.select(group='console_scripts')
+
+
+def test_executables_begin_with_what_handles_signals_and_load_the_rest_then() -> None:
+    modules = {point.module for point in executables()}
+    assert {module.partition('.')[2] for module in modules} == {'executables'}
+    script = f'import sys, {", ".join(modules)}; print(*(name for name in sys.modules if name.startswith("flexbt")))'
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, check=True)
+    packages = {module.partition('.')[0] for module in modules} | {'flexbt_common'}
+    assert set(done.stdout.split()) == modules | packages | {'flexbt_common.executables'}
+
+
 def test_executables() -> None:
-    installed = {
-        point.name
-        for distribution in metadata.distributions()
-        if distribution.name.startswith('flexbt')
-        for point in distribution.entry_points.select(group='console_scripts')
-    }
+    installed = {point.name for point in executables()}
     assert set(re.findall(r'\*\*`(\w+)`\*\*', EXECUTABLES)) == installed
     if (ROOT / 'install' / 'flexbt_underlay.sh').exists():  # otherwise built by colcon alone
         found = subprocess.run(
