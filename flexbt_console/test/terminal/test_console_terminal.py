@@ -105,6 +105,19 @@ class Terminal:
             os.write(self._fd, b'\x1b[1;1R')
 
 
+def test_what_others_write_to_the_terminal_stands_above_the_line_that_is_typed(executives: Any) -> None:
+    executive: ScriptedExecutive = executives('terminal')
+    terminal = Terminal('--namespace', 'terminal', '--operator', 'ann')
+    terminal.read_until(b'active: none')
+    terminal.type('pau')
+    terminal.read_until(b'pau')
+    executive.do(lambda: executive._log.publish(b'no line'))
+    terminal.read_until(b'executive/log: left aside')
+    terminal.read_until(b'> pau')  # once more, whole
+    terminal.type('\x03\x04')
+    assert terminal.exit_code() == 0
+
+
 def test_a_mission_at_the_prompt(executives: Any) -> None:
     executive: ScriptedExecutive = executives('terminal')
     terminal = Terminal('--namespace', 'terminal', '--operator', 'ann')

@@ -56,6 +56,7 @@ from flexbt_console.ui.interaction import (
     SentCommands,
     ShownDecision,
     interpret,
+    standard_error_as_lines,
 )
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
@@ -190,7 +191,11 @@ class Prompt:
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
-        with self._on_signal(self._over.set), self._session.app.input.raw_mode():
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._on_signal(self._over.set))
+            stack.enter_context(self._session.app.input.raw_mode())
+            if sys.stderr.isatty():
+                stack.enter_context(standard_error_as_lines(self._tell_later))
             tasks = [loop.create_task(part()) for part in (self._read, self._print_all, self._age, self._over.wait)]
             try:
                 await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -277,7 +282,7 @@ class Prompt:
         action = meaning.line.spec.action
         assert isinstance(action, Ask)
         try:
-            text = action.ask(meaning.line, self._link, self._timeout, self._tell_progress).text
+            text = action.ask(meaning.line, self._link, self._timeout, self._tell_later).text
         except ConsoleError as error:
             text = _warned([f'{meaning.line.spec.name}: {line}' for line in lines(str(error))])
         except Exception as error:
@@ -285,7 +290,8 @@ class Prompt:
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, text)
 
-    def _tell_progress(self, text: str) -> None:
+    def _tell_later(self, text: str) -> None:
+        """From any thread."""
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, lines(text))
 

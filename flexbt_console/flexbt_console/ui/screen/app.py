@@ -51,6 +51,7 @@ from flexbt_console.ui.interaction import (
     SentCommands,
     choose,
     interpret,
+    standard_error_as_lines,
 )
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
@@ -64,7 +65,6 @@ from .overview import Overview, others_text
 from .panes import Pane, styled
 from .replay_bar import MOVES, NOTHING_SENT, NoLink, Player, ReplayBar
 from .replay_bar import help_lines as replay_help_lines
-from .standard_error import standard_error_as_lines
 from .status_lines import alarm_text, keys_text, log_text, status_text
 from .terminal_driver import TerminalDriver
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What others write to the terminal, such as the log of the middleware, as lines of the screen."""
+"""What others write to the terminal, such as the log of the middleware, as lines of our own."""
 
 from __future__ import annotations
 
