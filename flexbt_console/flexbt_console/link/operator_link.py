@@ -56,7 +56,7 @@ from flexbt_msgs.msg import (
     PlaceList,
 )
 
-from .executive_sender import ExecutiveSender
+from .executive_sender import ExecutiveSender, Succession
 from .interface_check import interface_problem, senders_problem
 from .messages import (
     behaviors_record,
@@ -87,6 +87,9 @@ STATUS_BURST: Final = 200
 
 STATUS_DEPTH: Final = 20
 """Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
+
+LIST_DEPTH: Final = 4
+"""Of what is latched once, such as places: those that wait to be taken, from all participants."""
 
 STATUS_BYTES: Final = 4_000_000
 """Bytes of a status, at most."""
@@ -123,9 +126,11 @@ class OperatorLink:
         self._executives = 0
         self._reachable = False
         self._id = uuid.uuid4().hex
+        self._heard = 0.0
+        self._picture: list[ReceivedMessages] = []
         self._sender = ExecutiveSender(
             lambda participant: bool(writer_name(runtime.node, self._status_topic, participant)),
-            mirror.is_silent,
+            lambda: mirror.is_silent(runtime.heard.handled - self._heard),
             runtime.steady.now,
         )
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
@@ -268,27 +273,7 @@ class OperatorLink:
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
-        matched = SubscriptionEventCallbacks(matched=self._on_status_matched)
-        # What wakes the executor together is handled in this order: a state tells something, and then wants something.
-        for type, topic, convert, receive, depth in (
-            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, structure_record, self._mirror.receive_structure, 1),
-            (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, 1),
-            (PlaceList, names.PLACES, places_record, self._mirror.receive_places, 1),
-            (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
-            (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
-        ):
-            topic = self._topic(topic)
-            on_message = self._forward(type, topic, convert, receive)
-            ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
-        self._statuses = ReceivedMessages(
-            node,
-            ExecutiveStatus,
-            self._status_topic,
-            names.latched(STATUS_DEPTH),
-            self._on_status,
-            STATUS_BYTES,
-            event_callbacks=matched,
-        )
+        self._hear_picture()
         self._pings = node.create_publisher(
             Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
         )
@@ -296,6 +281,40 @@ class OperatorLink:
         ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
         if gives_commands:
             self._open_commands()
+
+    def _hear_picture(self) -> None:
+        """Have the status come, and what the executive tells beside it: once more, if it has come before."""
+        node = self._runtime.node
+        for one in self._picture:
+            node.destroy_subscription(one.subscription)
+        self._picture.clear()
+        # What wakes the executor together is handled in this order: a state tells something, and then wants something.
+        for type, topic, convert, receive, depth in (
+            (
+                BehaviorStructure,
+                names.EXECUTIVE_STRUCTURE,
+                structure_record,
+                self._mirror.receive_structure,
+                LIST_DEPTH,
+            ),
+            (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, LIST_DEPTH),
+            (PlaceList, names.PLACES, places_record, self._mirror.receive_places, LIST_DEPTH),
+            (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
+            (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
+        ):
+            topic = self._topic(topic)
+            on_message = self._forward(type, topic, convert, receive)
+            self._picture.append(ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES))
+        self._statuses = ReceivedMessages(
+            node,
+            ExecutiveStatus,
+            self._status_topic,
+            names.latched(STATUS_DEPTH),
+            self._on_status,
+            STATUS_BYTES,
+            event_callbacks=SubscriptionEventCallbacks(matched=self._on_status_matched),
+        )
+        self._picture.append(self._statuses)
 
     def _open_commands(self) -> None:
         commands = names.command()
@@ -318,6 +337,8 @@ class OperatorLink:
         self, message_type: Any, topic: str, convert: Callable[[Any], Any], receive: Callable[[Any], object]
     ) -> Callable[[Received], None]:
         def on_message(received: Received) -> None:
+            if not self._sender.has_sent(received.participant):
+                return  # that there are several senders is told when they come, see _find_problems
             message = self._unpacked(received, message_type, topic)
             if message is not None:
                 receive(convert(message))
@@ -325,9 +346,7 @@ class OperatorLink:
         return on_message
 
     def _unpacked(self, received: Received, message_type: Any, topic: str) -> Any | None:
-        """A message of the executive; None for what others have sent, and for what is none."""
-        if not self._sender.has_sent(received.participant):
-            return None  # that there are several senders is told when they come, see _find_problems
+        """A message; None for what is none, or has too much in it."""
         try:
             message = received.unpack(message_type)
             check_limits(message)
@@ -342,11 +361,18 @@ class OperatorLink:
         if participant != UNKNOWN_WRITER and not self._status_rates.allows(participant):
             self._statuses.blame(received)
             return
-        message = self._unpacked(received, ExecutiveStatus, self._status_topic)
-        if message is None:
+        answers = not self._sender.has_sent(participant)
+        unanswered = self._mirror.passed_over_commands() if answers else frozenset()
+        if answers and not unanswered:
             return
-        if self._sender.follow(participant):
-            self._mirror.sender_replaced()
+        message = self._unpacked(received, ExecutiveStatus, self._status_topic)
+        if message is None or (answers and unanswered.isdisjoint(one.command_id for one in message.results)):
+            return
+        succession = self._sender.follow(participant, answers=answers)
+        if succession is not Succession.SAME:
+            self._mirror.sender_replaced(was_executive=succession is Succession.NEXT)
+            self._runtime.post(self._hear_picture)  # what it has told while it was not known was not heard
+        self._heard = self._runtime.heard.looked
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
         self._mirror.receive_snapshot(snapshot_record(message), transit)
         if self._mirror.wants_ping():

@@ -16,6 +16,9 @@ FIRST_RESEND: Final = 0.15
 LONGEST_RESEND: Final = 1.0
 """Seconds between two sends of the same command at most."""
 
+ANSWER_SECONDS: Final = 2.0
+"""So long after it was given, a status without its answer shows that a command did not get where the status is from."""
+
 
 class CommandState(Enum):
     """Where a command is. TIMEOUT: there was no answer, and it may have had its effect or not."""
@@ -38,6 +41,7 @@ class TrackedCommand:
     reason: str = ''
     sends: int = 0
     next_send: float = 0.0
+    is_passed_over: bool = False
     settled: float | None = None
 
     @property
@@ -73,6 +77,11 @@ class CommandTracker:
     def pending(self) -> tuple[TrackedCommand, ...]:
         """The commands that wait for an answer, oldest first."""
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
+
+    def passed_over(self) -> frozenset[str]:
+        """Identifiers of the commands that wait for an answer, and which the executive that is shown seems not to have
+        got: its status came long after they were sent, without a result of theirs."""
+        return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
     def due(self, now: float, reachable: bool = True) -> list[Command]:
         """The commands to be sent now, for the first time or again; ends those whose time is over.
@@ -115,6 +124,8 @@ class CommandTracker:
             if tracked.command.executive_id not in ('', snapshot.executive_id):
                 reason = 'the executive was restarted before it answered; see "status" for what runs now'
                 settled.append(self._settle(tracked, CommandState.TIMEOUT, reason, now))
+            elif tracked.sends and now - tracked.given > ANSWER_SECONDS:
+                self._commands[tracked.command.id] = replace(tracked, is_passed_over=True)
         return settled
 
     def _settle(self, tracked: TrackedCommand, state: CommandState, reason: str, now: float) -> TrackedCommand:

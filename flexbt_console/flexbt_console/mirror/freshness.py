@@ -115,9 +115,11 @@ class Freshness:
         """Seconds since the picture was true, as far as one can know; None before the first message."""
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
-    def silent(self, now: float) -> bool:
-        """Whether the sender should have been heard again by now."""
-        return self._arrived is None or self._gone or now - self._arrived > LIVE_PERIODS * self._period
+    def silent(self, now: float, listened: float = math.inf) -> bool:
+        """Whether the sender should have been heard again by now, by who has ``listened`` for so many seconds since."""
+        if self._arrived is None or self._gone:
+            return True
+        return min(now - self._arrived, listened) > LIVE_PERIODS * self._period
 
     def state(self, now: float) -> LinkState:
         """What may be claimed at ``now``."""

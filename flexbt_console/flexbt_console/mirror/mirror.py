@@ -259,10 +259,11 @@ class Mirror:
             self._freshness.echoed(self._now(), ahead)
         self._tell(Change.LINK)
 
-    def is_silent(self) -> bool:
-        """Whether the executive should have been heard again by now, or was never heard."""
+    def is_silent(self, listened: float = math.inf) -> bool:
+        """Whether the executive should have been heard again by now, or was never heard; we have ``listened`` for so
+        many seconds since, and were held up ourselves otherwise."""
         with self._lock:
-            return self._freshness.silent(self._now())
+            return self._freshness.silent(self._now(), listened)
 
     def sender_gone(self) -> None:
         """The middleware says that nobody sends snapshots any more."""
@@ -270,14 +271,21 @@ class Mirror:
             self._freshness.sender_gone()
         self._tell(Change.LINK)
 
-    def sender_replaced(self) -> None:
-        """Snapshots come from another process now: their numbers and times are not compared with those before."""
+    def sender_replaced(self, was_executive: bool) -> None:
+        """Snapshots come from another process now: their numbers and times are not compared with those before.
+
+        What else was told by one that was not the executive is forgotten.
+        """
         with self._lock:
             self._newest.clear()
             self._sent = None
             self._freshness.start_over()
             self._standstill = StandstillWatch()
             self._surroundings = replace(self._surroundings, driven=())
+            if not was_executive:
+                self._structures.clear()
+                self._behaviors = self._places = self._reasons = None
+                self._log, self._events = NumberedList(LOG_LENGTH), NumberedList(LOG_LENGTH)
 
     def set_problem(self, problem: str) -> None:
         """Say what is wrong with the link (empty: nothing), e.g. that both sides are of different versions."""
@@ -309,6 +317,11 @@ class Mirror:
         """Time on the mirror's clock at which :meth:`due_commands` has something to do, or None."""
         with self._lock:
             return self._on_clock(self._commands.next_due(reachable))
+
+    def passed_over_commands(self) -> frozenset[str]:
+        """Identifiers of the commands that the executive which is shown seems not to have got."""
+        with self._lock:
+            return self._commands.passed_over()
 
     def command(self, command_id: str) -> TrackedCommand | None:
         """What became of a command."""

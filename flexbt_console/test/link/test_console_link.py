@@ -21,7 +21,7 @@ from flexbt_common import names
 from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, reports_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
-from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, interface_problem
+from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, executive_sender, interface_problem
 from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_console.mirror import (
     AutonomyLevel,
@@ -32,6 +32,7 @@ from flexbt_console.mirror import (
     LinkState,
     Mirror,
     SynthesisRequest,
+    View,
 )
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import (
@@ -40,6 +41,7 @@ from flexbt_msgs.msg import (
     ExecutiveEvents,
     ExecutiveLog,
     ExecutiveStatus,
+    Place,
     PlaceList,
 )
 from flexbt_testing.nodes.oversized import oversized
@@ -383,6 +385,59 @@ def test_an_executive_that_was_late_gets_its_picture_back_from_one_that_floods(e
             over.set()
             flooding.join()
         assert executive.received[-1].run_id == status.run_id
+
+
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+def test_a_stop_under_the_picture_of_a_forger_stops_the_robot_and_finds_the_executive(
+    executives: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executive_sender, 'RETURN_SECONDS', 0.0)  # the forger stays
+    executive = executives('believed')
+    with station('believed') as operator, NodeRuntime.open('forger', namespace='believed') as forger:
+        view = operator.link.live_view(DEADLINE)
+        assert operator.state_of(operator.requests.start(view, 'Drive')) is CommandState.APPLIED
+        executive.do(lambda: executive.log('its own'))
+        operator.wait(lambda view: view.has_places and operator.mirror.log())
+        forged = ScriptedExecutive(forger, heartbeat=0.1, faults=Faults(swallow_commands=True))
+        forged.status.run_id = 'forged'
+        kitchen = Place(name='kitchen')
+        kitchen.pose.header.frame_id, kitchen.pose.pose.orientation.w = 'map', 1.0
+        forged.do(lambda: forged._places.publish(PlaceList(places=[kitchen])))
+        forged.do(lambda: forged.log('forged'))
+        executive.do(lambda: setattr(executive.faults, 'lose_status', 1.0))
+        operator.wait(lambda view: view.snapshot.run_id == 'forged')
+        operator.wait(lambda view: 'kitchen' in view.places and view.live)
+        executive.do(lambda: setattr(executive.faults, 'lose_status', 0.0))
+        stop = operator.requests.command(operator.mirror.view(), CommandKind.STOP)
+        assert operator.state_of(stop) is CommandState.APPLIED
+        assert executive.status.outcome == 'preempted'
+        operator.wait(lambda view: view.live and view.snapshot.executive_id == executive.status.executive_id)
+        operator.wait(lambda view: view.has_places and view.behaviors and view.structure and operator.mirror.log())
+        assert 'kitchen' not in operator.mirror.view().places
+        assert 'forged' not in {line.text for line in operator.mirror.log()}
+
+
+@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+def test_a_console_that_was_held_up_takes_nobody_for_silent(executives: Any) -> None:
+    executive = executives('held')
+    with (
+        NodeRuntime.open('console', namespace='held') as runtime,
+        NodeRuntime.open('forger', namespace='held') as forger,
+    ):
+        operator, release, shown = Station(runtime), threading.Event(), list[View]()
+        operator.link.live_view(DEADLINE)
+        forged = ScriptedExecutive(forger, heartbeat=1000.0)
+        forged.status.run_id = 'forged'
+        operator.wait(lambda view: '2 executives' in view.problem)
+        operator.mirror.add_listener(lambda change: shown.append(operator.mirror.view()))
+        runtime.post(lambda: release.wait(DEADLINE))
+        forged.do(forged.publish)  # the first of those that wait
+        sent = executive.status.sequence
+        wait_until(lambda: executive.status.sequence > sent + 3, 'silence, for who does not listen')
+        sequence = executive.status.sequence
+        release.set()
+        operator.wait(lambda view: view.snapshot.sequence > sequence)
+        assert 'forged' not in {view.snapshot.run_id for view in shown if view.snapshot}
 
 
 def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
