@@ -42,6 +42,8 @@ class CommandBuilder:
     def command(self, view: View, kind: CommandKind) -> Command:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
 
+        A STOP is for whichever executive is there: the one that is shown may not be it.
+
         Raises:
             RefusedError: an observer gives no commands.
         """
@@ -52,7 +54,7 @@ class CommandBuilder:
             id=os.urandom(16).hex(),
             kind=kind,
             operator=self.operator,
-            executive_id=snapshot.executive_id if snapshot else '',
+            executive_id=snapshot.executive_id if snapshot and kind is not CommandKind.STOP else '',
             run_id=snapshot.run_id if snapshot else '',
         )
 

@@ -35,6 +35,8 @@ def _request(given: Given, inputs: Sequence[BlackboardEntry], autonomy: int) -> 
 def _stop(given: Given) -> None:
     reason = f'by {_operator(given)}' + (f': {given.command.reason}' if given.command.reason else '')
     run = given.runs.run
+    if run is not None and given.command.run_id not in ('', run.snapshot.run_id):
+        given.report.log(ExecutiveLog.WARN, f'{_operator(given)} stops what runs, and has seen another run')
     if run is None:
         given.report.log(ExecutiveLog.INFO, f'the robot is stopped {reason}')
     elif run.snapshot.is_stopping:
@@ -128,8 +130,8 @@ def _at_path(send: Callable[[MachineRun, str, Answer], None]) -> Callable[[Given
 
 COMMANDS: Final = (
     Command('START', _start, NeededRun.NONE),
-    # Whoever sees that something goes wrong has to be able to stop it.
-    Command('STOP', _stop, NeededRun.IF_ANY, needs_authority=False, follows_run=True, for_anybody=True),
+    # Whoever sees that something goes wrong has to be able to stop it, whatever else they believe of the run.
+    Command('STOP', _stop, NeededRun.NONE, needs_authority=False, for_anybody=True),
     Command('AUTONOMY', _autonomy, NeededRun.ANY),
     Command('CONFIRM', _confirm, fields=['decision_id']),
     Command('FORCE', _force, fields=['path', 'outcome']),

@@ -36,7 +36,6 @@ class NeededRun(Enum):
 
     NONE = 'none'
     ANY = 'the run that goes on; none while idle'
-    IF_ANY = 'the run that goes on, if there is one'
     RUNNING = 'the run that goes on, when it is running or paused'
     SHOWN = 'the run that the status shows, also when it has ended'
     INTERRUPTED = 'the run that was interrupted'
@@ -75,8 +74,8 @@ class Command:
     """A command by the name of its constant in ExecutiveCommand.
 
     ``apply`` has the effect of a command that needs nothing more, or gives the :class:`Effect` that takes longer; it
-    raises CommandRefusedError. ``fields`` must not be empty. One that ``follows_run`` is meant for whichever executive
-    has the run. One that is ``for_anybody`` does not ask whose the operator's name is.
+    raises CommandRefusedError. ``fields`` must not be empty. One that is ``for_anybody`` asks neither whose the
+    operator's name is, nor which executive was meant.
     """
 
     name: str
@@ -84,7 +83,6 @@ class Command:
     run: NeededRun = NeededRun.RUNNING
     fields: Sequence[str] = ()
     needs_authority: bool = True
-    follows_run: bool = False
     for_anybody: bool = False
 
     @property
@@ -120,8 +118,8 @@ class CommandRegistry:
         """Whether a command is for this executive, which cannot know what another one made of it."""
         if command.executive_id in ('', self._executive_id):
             return True
-        known, run = self._commands.get(command.kind), self._runs.snapshot
-        return known is not None and known.follows_run and run is not None and command.run_id == run.run_id
+        known = self._commands.get(command.kind)
+        return known is not None and known.for_anybody
 
     def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
         """What the command says, for the event log."""
@@ -165,11 +163,6 @@ def _check_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
         _check_going_on(runs, command)
 
 
-def _check_if_any(runs: RunSupervisor, command: ExecutiveCommand) -> None:
-    if runs.run is not None:
-        _check_going_on(runs, command)
-
-
 def _check_going_on(runs: RunSupervisor, command: ExecutiveCommand) -> None:
     run = runs.snapshot
     if run is None:
@@ -207,7 +200,6 @@ def _check_interrupted(runs: RunSupervisor, command: ExecutiveCommand) -> None:
 _CHECKS: Final[Mapping[NeededRun, Callable[[RunSupervisor, ExecutiveCommand], None]]] = {
     NeededRun.NONE: _check_none,
     NeededRun.ANY: _check_any,
-    NeededRun.IF_ANY: _check_if_any,
     NeededRun.RUNNING: _check_running,
     NeededRun.SHOWN: _check_shown,
     NeededRun.INTERRUPTED: _check_interrupted,

@@ -116,13 +116,13 @@ def test_an_answer_to_a_decision_that_is_over_is_refused(bench: LoopBench) -> No
     assert bench.entered == ['/A', '/B']
 
 
-def test_commands_for_another_executive_are_ignored_except_a_stop_of_the_run(bench: LoopBench) -> None:
+def test_commands_for_another_executive_are_ignored_except_a_stop(bench: LoopBench) -> None:
     other, own = uuid.uuid4().hex, bench.status.executive_id
     ignored = [
         bench.send(START, behavior='Test', executive_id=other),
         bench.send(AUTONOMY, autonomy=3, executive_id=other),
-        bench.send(STOP, executive_id=other),
     ]
+    bench.applied(STOP, executive_id=other)
     started = bench.applied(START, behavior='Test', executive_id=own)
     bench.decision('/A')
     ignored.append(bench.send(FORCE, path='/A', outcome='out', executive_id=other))
@@ -158,7 +158,6 @@ def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
     decision = bench.decision('/A')
     assert decision.id != stale.id
     for kind, fields in (
-        (STOP, {}),
         (CONFIRM, {'decision_id': decision.id}),
         (FORCE, {'path': '/A', 'outcome': 'out'}),
         (AUTONOMY, {'autonomy': 3}),
@@ -168,6 +167,16 @@ def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
         assert 'run' in bench.refused(kind, run_id='', **fields)
     assert 'does not belong' in bench.refused(CONFIRM, decision_id=stale.id)
     assert bench.entered == ['/A', '/A']
+
+
+@pytest.mark.parametrize('run_id', ['', 'of a forger'])
+def test_a_stop_stops_what_runs_whatever_its_sender_believes(bench: LoopBench, run_id: str) -> None:
+    bench.start()
+    bench.decision('/A')
+    bench.applied(STOP, run_id=run_id, executive_id=run_id)
+    assert bench.wait_idle() == 'preempted'
+    if run_id:
+        bench.logged('has seen another run')
 
 
 @pytest.mark.parametrize(

@@ -201,11 +201,11 @@ class ScriptedExecutive:
             return ''
         if status.state != ExecutiveStatus.RUNNING:
             return 'nothing runs'
-        if command.run_id != status.run_id:
-            return f'run {command.run_id!r} is over'
         if kind == ExecutiveCommand.STOP:
             self.end('preempted', f'stopped by {command.operator_id}')
             return ''
+        if command.run_id != status.run_id:
+            return f'run {command.run_id!r} is over'
         if kind == ExecutiveCommand.FORCE:
             if command.path != status.active_states[0].path:
                 return f'{command.path} is not active'

@@ -49,6 +49,7 @@ from flexbt_common import names
 from flexbt_msgs.msg import ExecutiveCommand, PeerStatus
 
 kind = sys.argv[1]
+KINDS = [number for number in range(25) if number != ExecutiveCommand.STOP]  # which is never refused
 rclpy.init()
 node = rclpy.create_node('flooder_' + kind)
 commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command())
@@ -64,7 +65,8 @@ while True:
         count += 1
         name = 'ann' if kind == 'names' else os.urandom(8).hex()
         commands.publish(ExecutiveCommand(
-            id=os.urandom(8).hex(), kind=count % 25, operator_id=name, decision_id='1', path='/A', text='flood'))
+            id=os.urandom(8).hex(), kind=KINDS[count % len(KINDS)], operator_id=name, decision_id='1', path='/A',
+            text='flood'))
         presence.publish(PeerStatus(name=name, alive=True))
     if count % 1000 == 1:
         print(count / (time.monotonic() - begun), flush=True)
