@@ -130,7 +130,7 @@ class OperatorLink:
         self._picture: list[ReceivedMessages] = []
         self._sender = ExecutiveSender(
             lambda participant: bool(writer_name(runtime.node, self._status_topic, participant)),
-            lambda: mirror.is_silent(runtime.heard.handled - self._heard),
+            lambda: mirror.is_silent(runtime.listening_time.handled - self._heard),
             runtime.steady.now,
         )
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
@@ -372,7 +372,7 @@ class OperatorLink:
         if succession is not Succession.SAME:
             self._mirror.sender_replaced(was_executive=succession is Succession.NEXT)
             self._runtime.post(self._hear_picture)  # what it has told while it was not known was not heard
-        self._heard = self._runtime.heard.looked
+        self._heard = self._runtime.listening_time.looked
         transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
         self._mirror.receive_snapshot(snapshot_record(message), transit)
         if self._mirror.wants_ping():

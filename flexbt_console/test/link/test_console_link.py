@@ -387,7 +387,7 @@ def test_an_executive_that_was_late_gets_its_picture_back_from_one_that_floods(e
         assert executive.received[-1].run_id == status.run_id
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_stop_under_the_picture_of_a_forger_stops_the_robot_and_finds_the_executive(
     executives: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -417,7 +417,7 @@ def test_a_stop_under_the_picture_of_a_forger_stops_the_robot_and_finds_the_exec
         assert 'forged' not in {line.text for line in operator.mirror.log()}
 
 
-@pytest.mark.skipif(not tells_writers(), reason='rclpy as it is does not tell writers')
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_console_that_was_held_up_takes_nobody_for_silent(executives: Any) -> None:
     executive = executives('held')
     with (
