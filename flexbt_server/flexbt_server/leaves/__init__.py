@@ -5,14 +5,14 @@ from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_typ
 
 from .action_leaf import ACTION_PORTS, BASE, SERVER_PORTS, ActionLeaf, error_code_of
 from .behavior_leaf import ExecuteBehavior
-from .called_servers import called_servers
+from .called_servers import called_servers, subscribed_topics
 from .ending_goals import EndingGoals
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
 from .reach_goal import ReachGoal
 from .robot_frames import RobotFrames
 from .service_leaf import SERVICE_PORTS, ServiceLeaf
-from .topic_cache import TopicCache, TopicCaches
+from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
 from .topic_leaf import TopicCondition
 from .trigger_services import TriggerServices
 
@@ -33,6 +33,7 @@ __all__ = [
     'ReachGoal',
     'RobotFrames',
     'ServiceLeaf',
+    'SubscribedTopic',
     'TopicCache',
     'TopicCaches',
     'TopicCondition',
@@ -40,4 +41,5 @@ __all__ = [
     'called_servers',
     'error_code_of',
     'message_type',
+    'subscribed_topics',
 ]

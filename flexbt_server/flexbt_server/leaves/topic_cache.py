@@ -5,8 +5,14 @@ from __future__ import annotations
 
 import threading
 import weakref
-from typing import Any, Final
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import islice
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
+from rclpy.action.server import RCLError
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
 from flexbt_common.runtime import LatestMessage, NodeRuntime
@@ -15,6 +21,23 @@ from flexbt_server.trees import WeakLruCache
 
 MOST_TOPICS: Final = 100
 """Topics that are heard although no tree needs them now."""
+
+
+class SubscribedTopic(NamedTuple):
+    """A topic that nodes of a type subscribe to: ``name``, if not that of their port ``port``. ``qos`` may be a depth."""
+
+    message_type: type[Any]
+    name: str
+    port: str = ''
+    qos: QoSProfile | int = 1
+
+
+@runtime_checkable
+class SubscribesToTopics(Protocol):
+    """A node type that subscribes to topics."""
+
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]: ...
 
 
 class TopicCache:
@@ -72,10 +95,27 @@ class TopicCaches:
 
     def cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
         """The cache of a topic, subscribed to when nobody has it yet. ``qos`` may be a depth, as in ROS. From any
-        thread."""
+        thread.
+
+        Raises:
+            ValueError: no topic can have that name.
+        """
         return self._runtime.call(lambda: self._cache(message_type, topic, qos))
+
+    def subscribe(self, topics: Iterable[SubscribedTopic]) -> None:
+        """Subscribe to topics before anybody reads them, so that what is said until then is known; to no more than are
+        kept. From any thread."""
+        for topic in islice(topics, MOST_TOPICS):
+            self._runtime.post(partial(self._subscribe, topic))
+
+    def _subscribe(self, topic: SubscribedTopic) -> None:
+        with suppress(ValueError):  # whoever reads it says so
+            self._cache(topic.message_type, topic.name, topic.qos)
 
     def _cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
         profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
-        key = (self._runtime.node.resolve_topic_name(topic), message_type, str(profile))
-        return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, topic, profile))
+        try:
+            key = (self._runtime.node.resolve_topic_name(topic), message_type, str(profile))
+            return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, topic, profile))
+        except (RCLError, InvalidTopicNameException) as error:
+            raise ValueError(f'no topic can be called {topic!r}: {error}') from error

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from rclpy.qos import QoSProfile
@@ -13,19 +13,20 @@ from flexbt_core.behavior_tree import Condition, NodeConfig, NodeStatus, Port, i
 from flexbt_core.behavior_tree.model import STRING
 
 from .leaf_services import LeafServices
-from .topic_cache import TopicCache
+from .topic_cache import SubscribedTopic, TopicCache
 
 
 class TopicCondition(Condition):
     """Base of conditions on the last message of a topic. A new message ticks the tree.
 
-    ``message_type`` is the class of the messages; the topic is the port ``topic_name``, or ``default_topic``.
+    ``message_type`` is the class of the messages; the topic is that of the port ``topic_port``, or ``default_topic``.
     """
 
     __slots__ = ('_cache',)
 
     message_type: ClassVar[type[Any]]
     default_topic: ClassVar[str] = ''
+    topic_port: ClassVar[str] = 'topic_name'
     qos: ClassVar[QoSProfile | int] = 1
     ports: ClassVar[Mapping[str, Port]] = {
         'topic_name': input_port(STRING, optional=True, description="topic, if not the node's default")
@@ -39,10 +40,15 @@ class TopicCondition(Condition):
     def holds(self, message: Any | None) -> bool:
         """Whether the condition holds; ``message`` is None while nothing was received."""
 
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        """Its topic, to which the server subscribes when it loads a tree with such a node."""
+        return [SubscribedTopic(cls.message_type, cls.default_topic, cls.topic_port, cls.qos)]
+
     @property
     def topic(self) -> str:
         """Name of the topic, as the node resolves it."""
-        return str(self.get_input_or('topic_name', '') or self.default_topic)
+        return str(self.get_input_or(self.topic_port, '') or self.default_topic)
 
     @property
     def is_informed(self) -> bool:

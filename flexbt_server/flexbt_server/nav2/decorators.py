@@ -17,7 +17,7 @@ from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Decorator, Example, NodeConfig, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.nodes.nav2 import motion as nav2_motion
 from flexbt_core.behavior_tree.nodes.nav2 import pause_resume as nav2_pause
-from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, TopicCache
+from flexbt_server.leaves import POSE_STAMPED, POSES, LeafServices, SubscribedTopic, TopicCache
 
 from .path_tracking import position_of
 
@@ -65,6 +65,10 @@ class SpeedController(nav2_motion.SpeedController):
         super().__init__(config)
         self._cache: TopicCache | None = None
 
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [SubscribedTopic(Odometry, names.ODOM)]
+
     def speed(self) -> float:
         if self._cache is None:
             services: LeafServices = self.services
@@ -104,10 +108,14 @@ class GoalUpdater(Decorator):
         super().__init__(config)
         self._cache: TopicCache | None = None
 
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [SubscribedTopic(PoseStamped, cls.topic)]
+
     def tick(self) -> NodeStatus:
         if self._cache is None:
             self._cache = self.subscribe(PoseStamped, self.topic)
-        goal = self.get_input('input_goal')
+        goal = PoseStamped() if self.port_text('input_goal') is None else self.get_input('input_goal')
         published = self._cache.latest
         if published is not None and self.newer(_stamp(published), _stamp(goal)):
             goal = published
@@ -137,18 +145,23 @@ class GoalUpdaterOfMain(GoalUpdater):
     """GoalUpdater as in the branch main of Nav2: a published goal of the same time is newer.
 
     Goals to pass come from the topic ``goals_update`` (nav_msgs/Goals) as well; the stamp of those given is that of the
-    first of them.
+    first of them. A tree that updates only these need not give a goal.
     """
 
     __slots__ = ('_goals',)
 
     xml_name = 'GoalUpdater'
     nav2_branch = 'main'
+    ports = {**GoalUpdater.ports, 'input_goal': replace(GoalUpdater.ports['input_goal'], required=False)}
     goals_topic = 'goals_update'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._goals: TopicCache | None = None
+
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [*super().subscribes_to(), SubscribedTopic(Goals, cls.goals_topic)]
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         return published >= given and published != (0, 0)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 from nav_msgs.msg import Odometry
@@ -28,32 +28,35 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
-from flexbt_server.leaves import LeafServices, TopicCache, TopicCondition
+from flexbt_server.leaves import LeafServices, SubscribedTopic, TopicCache, TopicCondition
 
 _BATTERY_LOW: Final = Predicate(
     'battery_low', {'min_battery': 'limit'}, ConditionSensor('IsBatteryLow', {'min_battery': '$min_battery'})
 )
-_BATTERY_TOPIC: Final = input_port(STRING, default='/battery_status', description='topic, sensor_msgs/BatteryState')
 
 
-class IsBatteryLow(TopicCondition):
+class _BatteryCondition(TopicCondition):
+    __slots__ = ()
+
+    message_type = BatteryState
+    default_topic = '/battery_status'
+    topic_port = 'battery_topic'
+    qos = names.unacknowledged(1)
+    ports = {'battery_topic': input_port(STRING, default=default_topic, description='topic, sensor_msgs/BatteryState')}
+
+
+class IsBatteryLow(_BatteryCondition):
     """SUCCESS when the battery has ``min_battery`` or less; FAILURE also while nothing is known of it."""
 
     __slots__ = ()
 
-    message_type = BatteryState
-    qos = names.unacknowledged(1)
     skill = Skill.measuring(_BATTERY_LOW)
     ports = {
         'min_battery': input_port(DOUBLE, description='share of the capacity, 0 to 1, or voltage, V'),
-        'battery_topic': _BATTERY_TOPIC,
+        **_BatteryCondition.ports,
         'is_voltage': input_port(BOOL, default='false', description='whether min_battery is a voltage'),
     }
     example = Example('<IsBatteryLow min_battery="0.2"/>')
-
-    @property
-    def topic(self) -> str:
-        return str(self.get_input('battery_topic'))
 
     def holds(self, message: Any | None) -> bool:
         if message is None:
@@ -62,20 +65,13 @@ class IsBatteryLow(TopicCondition):
         return bool(measured <= self.get_input('min_battery'))
 
 
-class IsBatteryCharging(TopicCondition):
+class IsBatteryCharging(_BatteryCondition):
     """SUCCESS when the battery is being charged; FAILURE also while nothing is known of it."""
 
     __slots__ = ()
 
-    message_type = BatteryState
-    qos = names.unacknowledged(1)
     skill = Skill.measuring(Predicate('charging', sensor=ConditionSensor('IsBatteryCharging')))
-    ports = {'battery_topic': _BATTERY_TOPIC}
     example = Example('<IsBatteryCharging/>')
-
-    @property
-    def topic(self) -> str:
-        return str(self.get_input('battery_topic'))
 
     def holds(self, message: Any | None) -> bool:
         return message is not None and message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING
@@ -84,7 +80,8 @@ class IsBatteryCharging(TopicCondition):
 class CheckStopStatus(StatefulAction):
     """SUCCESS when the robot has stood still for ``duration_stopped``; FAILURE when it moves.
 
-    RUNNING in between. FAILURE also while nothing is known of its motion.
+    RUNNING in between. The time counts from the stamp of the odometry that first says so, or else from when it is read.
+    FAILURE also while nothing is known of its motion.
     """
 
     __slots__ = ('_cache', '_since')
@@ -101,14 +98,18 @@ class CheckStopStatus(StatefulAction):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._cache: TopicCache | None = None
-        self._since = 0.0
+        self._since: float | None = None
+
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [SubscribedTopic(Odometry, names.ODOM)]
 
     def on_start(self) -> NodeStatus:
         if self._cache is None:
             services: LeafServices = self.services
             self._cache = services.topics.cache(Odometry, names.ODOM, 1)
             self._cache.on_message(self.context)
-        self._since = self.clock.now()
+        self._since = None
         return self.on_running()
 
     def on_running(self) -> NodeStatus:
@@ -120,6 +121,8 @@ class CheckStopStatus(StatefulAction):
         speed = max(abs(twist.linear.x), abs(twist.linear.y), abs(twist.angular.z))
         if not speed < self.get_input('velocity_threshold'):
             return self.fail(f'the robot moves, by {speed:.3f} m/s or rad/s')
+        if self._since is None:
+            self._since = seconds_of(odometry.header.stamp) or self.clock.now()
         end = self._since + self.get_input('duration_stopped') / 1000.0
         if self.clock.now() >= end:
             return NodeStatus.SUCCESS
@@ -149,9 +152,9 @@ class _Acceleration:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.value = 0.0
         self._before: tuple[float, float] | None = None
-        runtime.node.create_subscription(Odometry, names.ODOM, self._hear, 10)
+        runtime.node.create_subscription(Odometry, names.ODOM, self._subscribe, 10)
 
-    def _hear(self, odometry: Any) -> None:
+    def _subscribe(self, odometry: Any) -> None:
         stamp = odometry.header.stamp
         now, speed = seconds_of(stamp), odometry.twist.twist.linear.x
         if self._before is not None and now > self._before[0]:
@@ -191,6 +194,10 @@ class _Selector(SyncAction):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._cache: TopicCache | None = None
+
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [SubscribedTopic(String, str(cls.ports['topic_name'].default), 'topic_name', names.latched())]
 
     def tick(self) -> NodeStatus:
         if self._cache is None:

@@ -22,7 +22,7 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
 from flexbt_server.goals import TreeGoals, tree_reader
-from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCaches, TriggerServices
+from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCaches, TriggerServices, subscribed_topics
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher, TreeLogs
@@ -51,14 +51,20 @@ class BtServer:
         if parameters.publish_statuses:
             acceleration().prepare(registry.node_classes)
         allowed = (*parameters.allowed_directories, *parameters.navigators.trusted)
-        store = TreeStore(registry, allowed, parameters.max_file_size, parameters.max_depth)
+        topics = TopicCaches(runtime)
+        store = TreeStore(
+            registry,
+            allowed,
+            parameters.max_file_size,
+            parameters.max_depth,
+            on_loaded=lambda nodes: topics.subscribe(subscribed_topics(nodes)),
+        )
         self._preload(store, parameters.preload)
         for file in parameters.navigators.found_files:
             for reason in store.load([str(file)])[0].errors:
                 logger.error(f'not loaded: {reason}')
         default_trees = self._default_trees(store, parameters.navigators)
         boards = Blackboards()
-        topics = TopicCaches(runtime)
         services = LeafServices(
             runtime=runtime,
             actions=ActionLinks(runtime),

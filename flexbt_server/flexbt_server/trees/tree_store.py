@@ -81,9 +81,16 @@ class TreeStore:
     """Loads documents and finds trees. Safe to use from several threads."""
 
     def __init__(
-        self, registry: NodeRegistry, allowed_directories: Sequence[Path], max_file_size: int, max_depth: int
+        self,
+        registry: NodeRegistry,
+        allowed_directories: Sequence[Path],
+        max_file_size: int,
+        max_depth: int,
+        on_loaded: Callable[[Iterator[NodeDefinition]], None] = lambda nodes: None,
     ) -> None:
+        """``on_loaded`` is told the nodes of what was loaded, on the thread that has loaded it."""
         self.registry = registry
+        self._on_loaded = on_loaded
         self._files = TreeFiles(allowed_directories, max_file_size)
         self._max_file_size = max_file_size
         self._max_depth = max_depth
@@ -267,6 +274,7 @@ class TreeStore:
         for report in reports:
             if report.code == BtLoadReport.VALID:
                 report.code = BtLoadReport.LOADED
+        self._on_loaded(node for document in documents for tree in document.trees.values() for node in tree.nodes())
 
     def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
         """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the

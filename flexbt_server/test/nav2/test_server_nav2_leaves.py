@@ -392,6 +392,31 @@ def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
     assert not leaves(world, '<TransformAvailable parent="nowhere" child="map"/>')
 
 
+@pytest.mark.parametrize(('leaf', 'kind', 'topic'), [
+    ('<IsBatteryLow min_battery="1" battery_topic="cells"/>', BatteryState, 'cells'),
+    ('<IsBatteryCharging/>', BatteryState, '/battery_status'),
+    ('<SpeedController><CheckStopStatus/></SpeedController>', Odometry, names.ODOM),
+    ('<GoalUpdater input_goal="{goal}"><AlwaysSuccess/></GoalUpdater>', PoseStamped, 'goal_update'),
+    ('<SmootherSelector topic_name="smooth" default_smoother="s"/>', String, 'smooth'),
+])  # fmt: skip
+def test_what_a_loaded_tree_asks_for_is_heard_before_it_runs(world: World, leaf: str, kind: Any, topic: str) -> None:
+    runtime = world.client.runtime
+    made = runtime.call(lambda: runtime.node.create_publisher(kind, topic, names.latched()))
+    world.client.load_tree(leaf)
+    wait_until(made.get_subscription_count, topic)
+
+
+@pytest.mark.parametrize('topic', ['a b', '7', 'a//b'])
+def test_a_topic_that_cannot_be_is_told_by_the_tree_that_reads_it(world: World, topic: str) -> None:
+    faults: list[BaseException] = []
+    world.server_runtime.on_fault(faults.append)
+    world.client.load_tree(f'<PlannerSelector topic_name="{topic}" default_planner="p" selected_planner="{{p}}"/>')
+    result = world.client.execute().result
+    assert result.code == Result.ERROR
+    assert f"no topic can be called '{topic}'" in result.message
+    assert not faults
+
+
 def leaves(world: World, leaf: str, **inputs: Any) -> bool:
     """Whether a leaf succeeds."""
     world.client.load_tree(leaf)
@@ -430,6 +455,8 @@ def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
     assert leaves(world, '<IsStopped duration_stopped="100"/>')  # as kilted calls it
     drive(12, 0.0)
     wait_until(lambda: not leaves(world, '<IsStuck/>'), 'the robot to be free')
+    # It stands since then, by the stamp: for years, not from this tick on.
+    assert leaves(world, '<CheckStopStatus duration_stopped="1000000000"/>')
 
 
 @pytest.mark.parametrize(('canceling', 'leaf', 'server'), [

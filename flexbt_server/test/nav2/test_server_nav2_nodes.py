@@ -119,9 +119,10 @@ def test_goal_updater_takes_a_newer_goal(branch: str, stamp: int, taken: bool) -
 
 
 def test_goals_to_pass_are_updated_in_main() -> None:
+    """And they alone, where the tree gives no other goal."""
     with open_world(nav2_branch='main', tick_rate=50.0) as world:
         world.client.load_tree(
-            '<KeepRunningUntilFailure><GoalUpdater input_goal="{goal}" input_goals="{goals}" output_goals="{new}">'
+            '<KeepRunningUntilFailure><GoalUpdater input_goals="{goals}" output_goals="{new}">'
             '<Counts key="n"/></GoalUpdater></KeepRunningUntilFailure>'
         )
         given = [pose(1.0), pose(2.0)]

@@ -16,6 +16,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose, SmoothPath
 from nav2_msgs.msg import BehaviorTreeLog
+from rclpy.duration import Duration
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -132,6 +134,17 @@ def ended(goal: SentGoal, status: GoalStatus = GoalStatus.SUCCEEDED, *fragments:
     for fragment in fragments:
         assert fragment in goal.result.error_msg
     return goal.result
+
+
+def test_a_planner_that_was_selected_before_the_first_goal_plans_for_it(front: Front) -> None:
+    """As in Nav2, a server hears the topics of its default trees from the beginning."""
+    runtime = front.world.client.runtime
+    selected = runtime.call(lambda: runtime.node.create_publisher(String, 'planner_selector', names.latched()))
+    wait_until(selected.get_subscription_count, 'the server')
+    selected.publish(String(data='Other'))
+    assert selected.wait_for_all_acked(Duration(seconds=DEADLINE))
+    ended(front.to(3.0))
+    assert front.planner.goals[0].planner_id == 'Other'
 
 
 def test_to_a_pose(front: Front) -> None:
