@@ -24,7 +24,7 @@ MOST_TOPICS: Final = 100
 
 
 class SubscribedTopic(NamedTuple):
-    """A topic that nodes of a type subscribe to: ``name``, if not that of their port ``port``. ``qos`` may be a depth."""
+    """A topic that nodes of a type subscribe to: ``name``, if no port ``port`` has one. ``qos`` may be a depth."""
 
     message_type: type[Any]
     name: str
