@@ -4,7 +4,7 @@
 from .acceleration import loops
 from .costmap import INSCRIBED, LETHAL, Box, Costmap, Inflation, Position
 from .kernels import Bools, Costs, Squares, Weights, neighbours
-from .layers import LayeredCostmap, Observation, ObstacleRanges, local_size
+from .layers import LayeredCostmap, Observation, local_size
 
 __all__ = [
     'INSCRIBED',
@@ -16,7 +16,6 @@ __all__ = [
     'Inflation',
     'LayeredCostmap',
     'Observation',
-    'ObstacleRanges',
     'Position',
     'Squares',
     'Weights',

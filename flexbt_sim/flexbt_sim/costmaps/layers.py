@@ -21,15 +21,28 @@ KNOWN_TOLERANCE: Final = 0.03
 """How far from an obstacle of the static map, m, a beam may end that was reflected by it: three standard deviations of
 the noise of a lidar. Nav2 marks such points too; they would make each passage a cell narrower on both sides."""
 
-
 LOCAL_SIZE: Final = 3.0
 ROUND_ROBOT: Final = 1.0
-"""Width of the local costmap, m, and how much of it is on each side of a large robot at least."""
+"""Width of the local costmap, m, and how much of it is on each side of a large robot at least; there is as much as the
+robot reaches, since a larger one is faster."""
+
+MARK_RANGE: Final = 2.5
+CLEAR_BEYOND: Final = 0.5
+"""How far from the lidar obstacles are marked at least, and how much farther free space is cleared, m: Nav2's
+obstacle_max_range, and what its raytrace_max_range is more."""
 
 
 def local_size(inflation: Inflation) -> float:
     """Width of the local costmap of a robot, m."""
-    return max(LOCAL_SIZE, 2.0 * (inflation.outer_radius + ROUND_ROBOT))
+    outer = inflation.outer_radius
+    return max(LOCAL_SIZE, 2.0 * (outer + max(ROUND_ROBOT, outer)))
+
+
+def mark_range(inflation: Inflation) -> float:
+    """How far from its lidar, which may be anywhere on it, a robot marks obstacles, m: all that is round it, as far as
+    the local costmap reaches to each side. A car that backs up has its lidar in front.
+    """
+    return max(MARK_RANGE, local_size(inflation) / 2.0 + inflation.outer_radius)
 
 
 @dataclass(frozen=True)
@@ -47,21 +60,13 @@ class Observation:
     range_max: float = math.inf
 
 
-@dataclass(frozen=True)
-class ObstacleRanges:
-    """How far obstacles are marked and free space is cleared, m: Nav2's obstacle_max_range and raytrace_max_range."""
-
-    mark: float = 2.5
-    clear: float = 3.0
-
-
 class LayeredCostmap:
     """A costmap that follows what is seen. Only what has changed is computed anew.
 
     ``costmap`` is changed in place; another thread uses a copy of it.
     """
 
-    def __init__(self, static: Costmap, ranges: ObstacleRanges | None = None, window: float = math.inf) -> None:
+    def __init__(self, static: Costmap, window: float = math.inf) -> None:
         """``static`` is the map without anything seen. Obstacles outside of a square round the robot, ``window`` m
         wide, are forgotten: the rolling window of a local costmap. Since robots drive on that one, it is never without
         what was seen last, which is marked again at once when it is cleared.
@@ -69,7 +74,8 @@ class LayeredCostmap:
         self.costmap = static.copy()
         self._static: Bools = static.obstacles
         self._marks: Bools = numpy.zeros_like(static.obstacles)
-        self._ranges = ranges or ObstacleRanges()
+        self._mark = mark_range(static.inflation)
+        self._clear = self._mark + CLEAR_BEYOND
         self._window_size = window
         self._window = Box(0, 0, 0, 0)
         self._newest: tuple[Observation, Pose] | None = None
@@ -80,8 +86,7 @@ class LayeredCostmap:
         world = self.costmap.world
         self._newest = observation, robot
         old, self._window = self._window, self.window(robot)
-        reach = max(self._ranges.mark, self._ranges.clear)
-        seen = _square(world, observation.sensor, 2.0 * reach)
+        seen = _square(world, observation.sensor, 2.0 * self._clear)
         touched = _around(seen, old, self._window) if math.isfinite(self._window_size) else seen
         before = self._marks[touched.cells].copy()
         self._trace(observation)
@@ -133,9 +138,9 @@ class LayeredCostmap:
         row, column = world.grid_position(observation.sensor.x, observation.sensor.y)
         angles = observation.angles + (observation.sensor.yaw - world.origin.yaw)
         ranges = numpy.where(numpy.isnan(observation.ranges), -1.0, observation.ranges)
-        seen = numpy.minimum(ranges, min(self._ranges.clear, observation.range_max))
+        seen = numpy.minimum(ranges, min(self._clear, observation.range_max))
         cleared = numpy.where(ranges < 0.0, 0.0, seen) / world.resolution
-        struck = numpy.where((ranges >= 0.0) & (ranges <= self._ranges.mark), ranges, -1.0) / world.resolution
+        struck = numpy.where((ranges >= 0.0) & (ranges <= self._mark), ranges, -1.0) / world.resolution
         directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)], axis=1)
         tolerance = KNOWN_TOLERANCE / world.resolution
         loops().trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_maps import Scanner, drawn, worlds
 
-from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, arrays, loops
-from flexbt_sim.world import OCCUPIED, LidarModel, OccupancyMap, Pose
+from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, arrays, local_size, loops
+from flexbt_sim.world import MODELS, OCCUPIED, LidarModel, OccupancyMap, Pose, compose, drive
 
 INFLATION = Inflation(robot_radius=0.2, radius=0.5)
 MODEL = LidarModel(beams=360, range_max=3.5, noise=0.0)
@@ -185,3 +185,15 @@ def test_compiled_or_not_the_same_cells_are_marked(data: st.DataObject, world: O
         trace(cells, world.obstacles, row, column, directions, cleared, struck, data.draw(st.just(1.5)))
         results.append(cells.tolist())
     assert results[0] == results[1]
+
+
+def test_a_car_whose_lidar_is_in_front_sees_what_is_behind_it_and_what_is_ahead() -> None:
+    car, lidar, robot = MODELS['car'], LidarModel(range_max=60.0, noise=0.0), Pose(10.0, 10.0, 0.0)
+    assert car.lidar is not None
+    inflation, world = Inflation.of(car.footprint), drawn(*['.' * 400] * 400)
+    layers = LayeredCostmap(Costmap(world, inflation), window=local_size(inflation))
+    around = with_block(with_block(world, robot.x - 0.9 - 1.5, robot.y), robot.x + 3.4 + 2.0, robot.y)
+    layers.observe(seen(around, compose(robot, car.lidar.pose), lidar), robot)
+    for there in (drive(robot, -1.0, 0.0, 1.5), drive(robot, 1.0, 0.0, 2.0)):
+        assert layers.costmap.in_collision(there)
+        assert layers.costmap.gap_seen(there, 1.0) < 0.0
