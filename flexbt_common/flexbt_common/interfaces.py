@@ -169,6 +169,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         by=(NAVIGATION,),
         to=(BT_SERVER,),
     ),
+    *_services(*names.COMMANDER_CLEARS, by=(NAVIGATION,)),
     *_topics(*(topic for costmap in names.COSTMAPS for topic in names.costmap_topics(costmap)), by=(NAVIGATION,)),
     *_topics(
         'controller_selector',

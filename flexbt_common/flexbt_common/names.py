@@ -141,6 +141,13 @@ def costmap_services(costmap: str) -> tuple[str, str, str, str, str]:
     )
 
 
+COMMANDER_CLEARS: Final = tuple(
+    f'{COSTMAPS[1]}/clear_costmap_{what}' for what in ('except_region', 'around_robot', 'around_pose')
+)
+"""What BasicNavigator of nav2_simple_commander calls the first three of these services of the local costmap. Nav2's own
+costmaps do not have them, so there it waits for ever."""
+
+
 def of_robot(namespace: str, name: str) -> str:
     """A name of this table, for a robot in a namespace such as '/robot2'; '' is the namespace of the node."""
     return f'{namespace.rstrip("/")}/{name}' if namespace else name

@@ -111,14 +111,17 @@ class CostmapServer:
                 node.create_publisher(PolygonStamped, footprint, 1),
             )
             except_region, around_robot, around_pose, get, get_cost = names.costmap_services(name)
-            services = (
-                (ClearEntireCostmap, entirely, lambda _request, layers: layers.clear()),
-                (ClearCostmapExceptRegion, except_region, self._clear_except),
-                (ClearCostmapAroundRobot, around_robot, self._clear_around_robot),
+            node.create_service(
+                ClearEntireCostmap, entirely, partial(self._clear, name, lambda _request, layers: layers.clear())
             )
-            for service_type, service, clear in services:
-                node.create_service(service_type, service, partial(self._clear, name, clear))
-            node.create_service(ClearCostmapAroundPose, around_pose, partial(self._clear_around_pose, name))
+            clears = {
+                ClearCostmapExceptRegion: partial(self._clear, name, self._clear_except),
+                ClearCostmapAroundRobot: partial(self._clear, name, self._clear_around_robot),
+                ClearCostmapAroundPose: partial(self._clear_around_pose, name),
+            }
+            for services in [(except_region, around_robot, around_pose), *([names.COMMANDER_CLEARS] * (name == LOCAL))]:
+                for service, (service_type, clear) in zip(services, clears.items(), strict=True):
+                    node.create_service(service_type, service, clear)
             node.create_service(GetCostmap, get, partial(self._get, name))
             node.create_service(GetCost, get_cost, partial(self._get_cost, name))
 

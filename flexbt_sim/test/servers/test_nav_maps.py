@@ -175,11 +175,11 @@ def test_what_only_the_lidar_sees_is_on_the_costmaps_and_comes_back_after_cleari
     assert raw[-1].metadata.size_x * raw[-1].metadata.size_y == len(raw[-1].data)
     assert max(math.dist((point.x, point.y), (0.8, 6.0)) for point in footprints[-1].polygon.points) < 0.25
     # The local costmap, on which the robot drives, has what was seen last at once again.
-    around = names.costmap_services(names.COSTMAPS[1])[1]
-    before = len(raw)
-    probe.ask(ClearCostmapAroundRobot, around, ClearCostmapAroundRobot.Request(reset_distance=10.0))
-    wait_until(lambda: len(raw) > before + 3, deadline=DEADLINE)
-    assert all(254 in message.data for message in raw[before:])
+    for around in (names.costmap_services(names.COSTMAPS[1])[1], names.COMMANDER_CLEARS[1]):
+        before = len(raw)
+        probe.ask(ClearCostmapAroundRobot, around, ClearCostmapAroundRobot.Request(reset_distance=10.0))
+        wait_until(lambda before=before: len(raw) > before + 3, deadline=DEADLINE)  # type: ignore[misc]
+        assert all(254 in message.data for message in raw[before:])
     probe.ask(ClearEntireCostmap, names.CLEAR_GLOBAL_COSTMAP, ClearEntireCostmap.Request())
     wait_until(lambda: valid(surveyor, through_wall)[0] is False, deadline=DEADLINE)
     probe.runtime.call(lambda: [node.destroy_subscription(one) for one in subscriptions])
