@@ -17,6 +17,10 @@ from flexbt_testing.behavior_trees import scripted_nodes as bt_scripted
 from flexbt_testing.behavior_trees import wheel as bt_wheel
 from flexbt_testing.behavior_trees.scenarios import THEMES, Row
 
+pytestmark = pytest.mark.skipif(
+    not bt_wheel.available(), reason='the judge is not installed: pip install behaviortreepy==0.1.4'
+)
+
 
 def make_case(row: Row) -> dict[str, Any]:
     """A row as a case of bt_scripted."""
