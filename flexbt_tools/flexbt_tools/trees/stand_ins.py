@@ -36,7 +36,7 @@ _BASES: Final[Mapping[NodeKind, Any]] = {
 }
 _KINDS: Final = {kind.value: kind for kind in _BASES}
 _DIRECTIONS: Final = {f'{direction.value}_port': direction for direction in PortDirection}
-_UNTYPED: Final = frozenset(('', 'BT::AnyTypeAllowed'))
+_ANY_TYPE: Final = 'BT::AnyTypeAllowed'
 # What C++ compilers call the types that have other names here.
 _ALIASES: Final = {
     'short': types.INT16,
@@ -50,7 +50,7 @@ _ALIASES: Final = {
 }
 _TYPES: Final = {kind.name: kind for kind in vars(types).values() if isinstance(kind, PortType)} | _ALIASES
 _TAG: Final = re.compile(r'<(\w+)')
-UNKNOWN_PORT: Final = Port(PortDirection.INOUT)
+UNKNOWN_PORT: Final = Port(PortDirection.INOUT, declares=False)
 """A port of which only the name is known."""
 
 
@@ -112,15 +112,16 @@ def _models(root: Element) -> Iterator[Element]:
 def _port(element: Element, known: dict[str, PortType]) -> Port:
     attributes = element.attributes
     name = attributes.get('type', '')
-    if name not in _UNTYPED and name not in known:
+    if name not in ('', _ANY_TYPE) and name not in known:
         # A type of its own: nothing is known of its values but their text.
         text = type(name, (str,), {})
         known[name] = PortType(name, text, from_text=text, immutable=True)
     return Port(
         _DIRECTIONS[element.tag],
-        None if name in _UNTYPED else known[name],
+        known.get(name),
         attributes.get('default', NO_DEFAULT),
         attributes.get('description', ''),
+        declares=bool(name),
     )
 
 

@@ -194,6 +194,20 @@ def test_a_sub_tree_that_is_mocked_writes_its_outputs(tmp_path: Path) -> None:
     assert made.tree.blackboard.get('seen') == 'a mug'
 
 
+@pytest.mark.parametrize(
+    'model', ['', '<TreeNodesModel><Action ID="Move"><input_port name="to"/></Action></TreeNodesModel>']
+)
+@pytest.mark.parametrize('words', [('run', '--mock', '*=SUCCESS'), ('prove', '--quiet')])
+def test_a_port_of_which_only_the_name_is_known_says_nothing_of_its_entry(
+    tmp_path: Path, words: tuple[str, ...], model: str
+) -> None:
+    text = '<SetBlackboard output_key="pose" value="1;2"/><Move to="{pose}"/>'
+    (tmp_path / 'tree.xml').write_text(document(f'Main: <Sequence>{text}{text}</Sequence>'), encoding='utf-8')
+    (tmp_path / 'model.xml').write_text(f'<root BTCPP_format="4">{model}</root>', encoding='utf-8')
+    done = tool(*words, '--models', str(tmp_path / 'model.xml'), str(tmp_path / 'tree.xml'))
+    assert done.code == 0, done
+
+
 def test_the_blackboard_has_the_types_of_the_ports() -> None:
     made, _ = mock_run(
         'Main: <Sequence><Drive to="{goal}" speed="{v}"/><Script code="{code}"/></Sequence>',

@@ -195,7 +195,7 @@ class _Builder:
         board = scope.board
         for name, port in definition.manifest.ports.items():
             value = definition.values.get(name)
-            if value is None or value.key is None:
+            if value is None or value.key is None or not port.declares:
                 continue
             try:
                 entry = board.entry(value.key)

@@ -38,7 +38,8 @@ class Port:
     the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
     ``literal`` is the type of a literal where that is more than ``type`` says, such as when a pointer may be to an
     entry of any type. Its values have to be immutable. ``nav2_branch`` is the branch of Nav2 for which a file that
-    gives the port has to be written (see ``NodeRegistry``); '' where it may be any.
+    gives the port has to be written (see ``NodeRegistry``); '' where it may be any. A port that does not ``declare`` is
+    one of whose type nothing is known: the entry that it points to is made, and gets its type, by others.
     """
 
     direction: PortDirection
@@ -48,6 +49,7 @@ class Port:
     required: bool = False
     literal: PortType | None = None
     nav2_branch: str = ''
+    declares: bool = True
 
     @property
     def documentation(self) -> str:
