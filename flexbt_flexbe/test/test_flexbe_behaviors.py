@@ -63,7 +63,13 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
             'patrol.xml': manifest(name, 'Patrol', 'patrol_sm', 'PatrolSM', PARAMS),
             'inner/greet.xml': manifest(name, 'Greet', 'greet_sm', 'GreetSM'),
         },
-        sources={'patrol_sm.py': PATROL.replace('{package}', name), 'greet_sm.py': GREET, 'old_sm.py': OF_ROS_1},
+        sources={
+            'patrol_sm.py': PATROL.replace('{package}', name),
+            'greet_sm.py': GREET,
+            'old_sm.py': OF_ROS_1,
+            'ros_1_sm.py': 'import rospy',
+            'mixin_sm.py': 'import flexbe_core.core.lockable_state',
+        },
     )
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=':')
     monkeypatch.syspath_prepend(str(python))
@@ -218,7 +224,18 @@ def test_nothing_is_set_twice(package: Installed) -> None:
             '<params><param type="enum" name="f" default="x"><option value="y"/></param></params></behavior>',
             'not one of its choices',
         ),
-        ('<behavior name="Bad"><executable package_path="{p}.missing_sm" class="C"/></behavior>', 'missing_sm'),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.missing_sm" class="C"/></behavior>',
+            'build or install the package that has {p}.missing_sm',
+        ),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.ros_1_sm" class="C"/></behavior>',
+            'ros_1_sm.py:1); rospy is of ROS 1: bring the behavior and its states to rclpy',
+        ),
+        (
+            '<behavior name="Bad"><executable package_path="{p}.mixin_sm" class="C"/></behavior>',
+            'mixin_sm.py:1); "Coming from FlexBE" says what is there of FlexBE',
+        ),
         ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Nope"/></behavior>', 'no such class'),
         ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Logger"/></behavior>', 'no Behavior'),
         (
@@ -230,7 +247,7 @@ def test_nothing_is_set_twice(package: Installed) -> None:
 def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Installed, text: str, words: str) -> None:
     package.add(bad=text.replace('{p}', package.name))
     (bad,) = [entry for entry in package.entries().values() if entry.error]
-    assert words in bad.error
+    assert words.replace('{p}', package.name) in bad.error
     assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others go on working'
 
 

@@ -437,6 +437,24 @@ class TestActions:
         assert run(bench, steps).wait() == 'done'
         assert steps.seen[-1] == (False, False)
 
+    def test_a_result_is_forgotten_as_states_of_flexible_navigation_do(self, bench: StateBench) -> None:
+        class Forgetting(Sending):
+            def execute(self, state: Script) -> str | None:
+                outcome = super().execute(state)
+                if outcome == 'done':
+                    other = ProxyActionClient({'other': BtExecute})
+                    self.seen += ['work' in ProxyActionClient._result, 'other' in ProxyActionClient._result]
+                    ProxyActionClient._result['work'] = ProxyActionClient._result['other'] = None
+                    self.seen += [self.client.has_result('work'), other.has_result('other')]
+                    with pytest.raises(ProxyError, match='only None may be written'):
+                        ProxyActionClient._result['work'] = GOOD
+                return outcome
+
+        bench.serve(BtExecute, 'work', ends(GOOD))
+        steps = Forgetting()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen == [False, 'ok', True, False, False, False]
+
     def test_differs_a_goal_that_was_aborted_without_a_word_has_no_result(self, bench: StateBench) -> None:
         """FlexBE gives the zeros of the message, which mean success to many."""
         bench.serve(BtExecute, 'work', ends(Result(), 'abort'))

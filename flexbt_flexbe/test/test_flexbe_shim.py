@@ -21,7 +21,8 @@ from flexbe_core.core.user_data import UserData
 from flexbe_core.logger import Logger as SameLogger
 from flexbe_core.proxy import ProxyActionClient, ProxyPublisher, ProxyServiceCaller, ProxySubscriberCached
 from flexbe_core.proxy.proxy_action_client import ProxyActionClient as Same
-from flexbe_core.proxy.qos import QOS_LATCH
+from flexbe_core.core.ros_state import RosState
+from flexbe_core.proxy.qos import QOS_LATCH, QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from flexbe_states.wait_state import WaitState
 import flexbt_flexbe
 from flexbe_states.user_data_state import UserdataState

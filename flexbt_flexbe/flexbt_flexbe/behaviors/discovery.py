@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree  # of files of installed packages
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 from ament_index_python.packages import get_packages_with_prefixes
 
@@ -22,6 +23,7 @@ from .hosted_behavior import HostedBehavior, load_class
 from .manifest import FlexbeManifest, read_manifest
 
 EXPORT = 'flexbe_behaviors'
+_ROS_1: Final = frozenset(('actionlib', 'moveit_commander', 'roslib', 'rospy', 'rosservice', 'rostopic', 'tf'))
 
 
 def entries() -> Iterator[BehaviorEntry]:
@@ -61,7 +63,20 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
         shim.install()
         load_class(source)
     except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
-        return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, described(error))
+        reason = described(error) + _remedy(error)
+        return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)
     return BehaviorEntry(
         source.manifest.name, source.package, source.manifest, parameters, partial(HostedBehavior, source)
     )
+
+
+def _remedy(error: BaseException) -> str:
+    """What to do about an import that failed, where the error does not say it."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return ''
+    package = error.name.partition('.')[0]
+    if package in _ROS_1:
+        return f'; {package} is of ROS 1: bring the behavior and its states to rclpy, its __init__ to (self, node)'
+    if package in shim.PACKAGES:
+        return '; "Coming from FlexBE" says what is there of FlexBE'
+    return f'; build or install the package that has {error.name}'

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from action_msgs.msg import GoalStatus as RosGoalStatus
 from flexbt_common.calls import ActionCall, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_core.values import shown
 from flexbt_flexbe.errors import NoResultError, ProxyError
+from flexbt_onboard.behaviors import RunContext, current_run
 
 from .run_proxy import Listeners, RunProxy, calling_state
 
@@ -32,6 +33,7 @@ _STATUS_NAMES: Final = {
 class _Client:
     """One action as this proxy uses it: the link, and the goal that was sent last."""
 
+    topic: str
     link: ActionServerLink
     made_at: float
     listeners: Listeners = field(default_factory=Listeners)
@@ -44,6 +46,38 @@ class _Client:
         """How the last goal ended, unless that was removed."""
         return self.call.outcome if self.call is not None and not self.is_removed else None
 
+    def forget_result(self) -> None:
+        """How the last goal ended is not told again."""
+        self.is_removed |= self.ended is not None
+
+
+class _Clients(list[_Client]):
+    """The clients of a run."""
+
+    def __init__(self, run: RunContext) -> None:
+        super().__init__()
+
+
+class _Results:
+    """FlexBE's ``ProxyActionClient._result``, into which states of flexible_navigation write None for what they have
+    taken: the results by their topics, of the clients that the state uses that is being called."""
+
+    def __contains__(self, topic: str) -> bool:
+        return any(self._used(topic))
+
+    def __setitem__(self, topic: str, result: None) -> None:
+        if result is not None:
+            raise ProxyError(
+                f'action {topic!r}: a result comes from its server; only None may be written, to forget it'
+            )
+        for client in self._used(topic):
+            client.forget_result()
+
+    def _used(self, topic: str) -> Iterator[_Client]:
+        for client in current_run().shared(_Clients):
+            if client.topic == topic and client.listeners.has_caller():
+                yield client
+
 
 class ProxyActionClient(RunProxy):
     """Sends goals, one at a time on each action, and keeps what comes back.
@@ -52,6 +86,8 @@ class ProxyActionClient(RunProxy):
     is sent when its server is there, and when none appears, or the goal is rejected, lost, or aborted without a word,
     :meth:`get_result` raises an error that says so, instead of giving a result that nobody has sent.
     """
+
+    _result: Final = _Results()
 
     def __init__(self, topics: Mapping[str, type[Any]] | None = None, wait_duration: float = 10.0) -> None:
         super().__init__()
@@ -67,7 +103,9 @@ class ProxyActionClient(RunProxy):
         if known is not None:
             raise ProxyError(f'action {topic!r} is used as {known.link.type_name} already, not as {shown(action_type)}')
         services = self._run.services
-        self._clients[topic] = _Client(services.actions.link(action_type, topic), services.runtime.steady.now())
+        client = _Client(topic, services.actions.link(action_type, topic), services.runtime.steady.now())
+        self._clients[topic] = client
+        self._run.shared(_Clients).append(client)
 
     setup_client = setupClient
 
@@ -143,8 +181,8 @@ class ProxyActionClient(RunProxy):
     def remove_result(self, topic: str) -> None:
         """Forget how the last goal ended."""
         client = self._clients.get(topic)
-        if client is not None and client.ended is not None:
-            client.is_removed = True
+        if client is not None:
+            client.forget_result()
 
     def has_feedback(self, topic: str) -> bool:
         """Whether there is feedback on the last goal."""

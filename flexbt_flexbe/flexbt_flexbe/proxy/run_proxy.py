@@ -68,6 +68,10 @@ class Listeners:
         if state is not None:
             self._states.add(state)
 
+    def has_caller(self) -> bool:
+        """Whether the state that is being called is one of them."""
+        return calling_state() in self._states
+
     def wake(self) -> None:
         """Something has arrived; from any thread."""
         for state in tuple(self._states):

@@ -10,12 +10,14 @@ from flexbt_flexbe import (
 )
 
 from .exceptions import StateError, StateMachineError, UserDataError
+from .ros_state import RosState
 
 __all__ = [
     'ConcurrencyContainer',
     'EventState',
     'OperatableStateMachine',
     'PriorityContainer',
+    'RosState',
     'StateError',
     'StateMachineError',
     'UserData',
