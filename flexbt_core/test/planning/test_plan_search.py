@@ -170,6 +170,19 @@ def test_goals_of_btpg_are_planned_at_the_least_cost(scene: str) -> None:
         assert planned.expanded < 1000  # without the lower bounds it would be millions
 
 
+def test_places_exclude_each_other_where_a_move_ends_only_the_one_it_began_at() -> None:
+    moves = [
+        Action(f'{a}{b}', frozenset({a}), frozenset({b, f'seen {b}'}), frozenset({a}))
+        for a, b in itertools.permutations('pqrs', 2)
+    ]
+    domain = Domain(moves)
+    exclusions = Reachability(domain, domain.state('p')).exclusions
+    assert all(exclusions.excluded(domain.mask(pair)) for pair in itertools.combinations('pqrs', 2))
+    assert not exclusions.excluded(domain.mask(['p', 'seen q', 'seen r', 'seen s']))
+    both = Reachability(domain, domain.state('pq')).exclusions  # two things are moved, each of which may be anywhere
+    assert not both.excluded(domain.mask('rs'))
+
+
 def swapping(pairs: int) -> Problem:
     """Things that are to change places in pairs, with one place that is free."""
     things = [f't{number}' for number in range(2 * pairs)]

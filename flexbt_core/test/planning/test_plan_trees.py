@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import groupby
+from itertools import count, groupby
 from typing import Any
 
 import pytest
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from planning_support import World, action, led_by
 
 from flexbt_core.behavior_tree import NodeStatus
-from flexbt_core.planning import Action, Leaf, Plan, PlanningError, Problem, plan, tree_xml
+from flexbt_core.planning import Action, Leaf, Outcome, Plan, PlanningError, Problem, plan, tree_xml
 
 ERRAND = (
     action('to_kitchen', 'at_hall open', 'at_kitchen', 'at_hall', 15),
@@ -114,6 +114,41 @@ def test_what_is_undone_while_the_next_action_is_under_way_had_its_effects() -> 
 
     assert world.run(planned(problem)[1], disturb) is NodeStatus.SUCCESS
     assert world.done.count('grab_kitchen') == 3
+
+
+def round_trip(places: str) -> Problem:
+    """Through a city: a search looks into many conditions, of which few matter."""
+    streets = tuple(
+        action(f'{a}{b}', f'at_{a}', f'at_{b} seen_{b}', f'at_{a}', 1 + (5 * i + 3 * k) % 11 + (i * k) % 7)
+        for i, a in enumerate(places)
+        for k, b in enumerate(places)
+        if a != b
+    )
+    carried_off = action('carried off', '', f'at_{places[-1]}', ' '.join(f'at_{one}' for one in places[:-1]))
+    goal = frozenset(f'seen_{one}' for one in places)
+    return led_by(Problem(streets, frozenset({f'at_{places[0]}'}), (goal,), (carried_off,)))
+
+
+def test_a_tree_has_no_more_branches_than_its_ways_need_and_some_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    trip = round_trip('abcdefghi')
+    every = planned(trip)[0]
+    monkeypatch.setattr('flexbt_core.planning.trees.policy.MOST_BRANCHES', 10)
+    found, xml = planned(trip)
+    assert every.policy is not None and found.policy is not None
+    assert len(found.policy.branches) < len(every.policy.branches) / 2
+    assert (found.cost, found.actions) == (every.cost, every.actions)
+    assert World(trip, set(trip.initial)).run(xml) is NodeStatus.SUCCESS
+
+
+def test_where_the_time_does_not_suffice_for_the_cheapest_plan_there_is_another_one() -> None:
+    """Half of the time is kept for any plan; and its tree may do as many actions as that needs."""
+    trip = round_trip('abcdefghi')
+    ticks = count()
+    found = plan(trip, time_limit=1000.0, clock=lambda: float(next(ticks)))
+    assert found.outcome is Outcome.TIME_LIMIT
+    assert found.cost is not None and found.bound < found.cost
+    assert found.coverage is not None and found.coverage.longest >= len(found.actions) >= 9
+    assert World(trip, set(trip.initial)).run(tree_xml(found)) is NodeStatus.SUCCESS
 
 
 TWO_DOORS = (

@@ -10,9 +10,13 @@ what is told is true, and what is not told may be true.
 from __future__ import annotations
 
 from collections import defaultdict
+from itertools import islice
 from typing import Final
 
 from flexbt_core.planning.problems import Domain, bits
+
+_MOST_PAIRS: Final = 4
+"""That are tried for a literal."""
 
 
 class Exclusions:
@@ -35,7 +39,7 @@ class Exclusions:
         for literal in bits(deleted):
             if done >> literal & 1 or literal in failed or literal not in self._adders:
                 continue
-            group = self._group(literal, failed)
+            group = self._largest(literal, failed)
             if group is None:
                 failed.add(literal)
             elif group.bit_count() > 1:
@@ -44,9 +48,20 @@ class Exclusions:
                 for member in bits(group):
                     self.of[member] |= group & ~(1 << member)
 
-    def _group(self, seed: int, failed: set[int]) -> int | None:
+    def _largest(self, literal: int, failed: set[int]) -> int | None:
+        """The set of a literal; where it would be alone, with the one that an action that makes it true moves there."""
+        alone = self._group(1 << literal | self._others_of_adders(literal), failed)
+        if alone is None or alone.bit_count() > 1:
+            return alone
+        moved = 0
+        for action in self._adders[literal]:
+            moved |= self._domain.needs[action] & self._domain.deletes[action]
+        pairs = (self._group(1 << literal | 1 << other, failed) for other in bits(moved) if other not in failed)
+        return next((pair for pair in islice(pairs, _MOST_PAIRS) if pair is not None), alone)
+
+    def _group(self, seeds: int, failed: set[int]) -> int | None:
         domain = self._domain
-        group = 1 << seed | self._others_of_adders(seed)
+        group = seeds
         todo = list(bits(group))
         while todo:
             for action in self._adders.get(todo.pop(), ()):

@@ -99,7 +99,7 @@ def search(
     """The cheapest plan from the initial state to a goal (a bit set).
 
     Ends with ``TIME_LIMIT`` when ``time_limit`` (seconds on the ``clock``) is over; what was found until then is in the
-    result. ``report`` is called about five times a second.
+    result: from half of that time on any plan is looked for first. ``report`` is called about five times a second.
     """
     return _Search(reachability, goal, time_limit, report, clock).run()
 
@@ -114,8 +114,9 @@ class _Search:
         clock: Callable[[], float],
     ) -> None:
         self._clock = clock
-        self._began = clock()
+        self._began = self._now = clock()
         self._deadline = self._began + time_limit
+        self._hurry = self._began + time_limit / 2
         self._report = report
         self._reported = self._began
         self._reachability = reachability
@@ -147,17 +148,18 @@ class _Search:
         steps = {goal: Step(0.0, None, goal)}
         result = SearchResult(Outcome.UNSOLVABLE, least, steps)
         impossible = least == math.inf or reachability.exclusions.excluded(goal)
-        # (lower bound of a plan through it, lower bound of the rest, condition, its cost, bound up to which it is done)
-        queue: list[tuple[float, float, int, float, float]] = []
+        queue = _Queue()
         if not impossible:
-            queue.append((least, least, goal, 0.0, -math.inf))
+            queue.push(_Open(least, least, goal, 0.0, -math.inf))
         closed = _Closed()
         best: tuple[float, int] = (math.inf, goal)
         while queue:
-            bound, _, condition, cost, done = heapq.heappop(queue)
+            queue.take_nearest(best[0] == math.inf and self._now >= self._hurry)
+            bound, _, condition, cost, done = queue.pop()
             if cost > steps[condition].cost:
                 continue
-            result.bound = bound
+            if not queue.nearest_first:
+                result.bound = bound
             if not condition & ~initial:
                 result.outcome = Outcome.SOLVED
                 best = (cost, condition)
@@ -170,12 +172,13 @@ class _Search:
                     continue
                 rest = self._rest(condition, steps[condition].next)
                 if cost + rest > bound:
-                    heapq.heappush(queue, (cost + rest, rest, condition, cost, -math.inf))
+                    queue.push(_Open(cost + rest, rest, condition, cost, -math.inf))
                     continue
                 closed.add(condition, cost)
                 result.expanded += 1
             cuts = self._cuts[condition]
-            for before, step in self._regressions(condition, cost, done, bound):
+            up_to = math.inf if queue.nearest_first else bound
+            for before, step in self._regressions(condition, cost, done, up_to):
                 known = steps.get(before)
                 if before & self._unreachable or (known is not None and known.cost <= step.cost):
                     continue
@@ -183,12 +186,12 @@ class _Search:
                 if not before & ~initial:
                     best = min(best, (step.cost, before))
                 rest = max(total(self._cuts.get(before) or self._lm_cut.kept(before, cuts)), bound - step.cost)
-                heapq.heappush(queue, (step.cost + rest, rest, before, step.cost, -math.inf))
+                queue.push(_Open(step.cost + rest, rest, before, step.cost, -math.inf))
                 if self._is_over(result, best[0]):
                     break
-            dearer = self._next_bound(condition, bound)
+            dearer = self._next_bound(condition, up_to)
             if dearer < math.inf:
-                heapq.heappush(queue, (dearer, dearer - cost, condition, cost, bound))
+                queue.push(_Open(dearer, dearer - cost, condition, cost, up_to))
         else:
             result.bound = math.inf
         if best[0] < math.inf:
@@ -230,7 +233,7 @@ class _Search:
         return least
 
     def _is_over(self, result: SearchResult, best: float) -> bool:
-        now = self._clock()
+        now = self._now = self._clock()
         if self._report is not None and now - self._reported >= _REPORT_INTERVAL:
             self._reported = now
             self._report(Progress(result.bound, best if best < math.inf else None, result.expanded, now - self._began))
@@ -269,6 +272,42 @@ class _Search:
                 known |= self._of[literal]
             self._excluded_before[action] = known
         return known
+
+
+class _Open(NamedTuple):
+    """A condition that is still to be looked into: lower bounds of a plan through it, and of the ``rest`` of that; its
+    cost, and the bound up to which it was looked into."""
+
+    bound: float
+    rest: float
+    condition: int
+    cost: float
+    done: float
+
+
+class _Queue:
+    """The conditions that are still to be looked into: that with the least bound first, or that with the least rest."""
+
+    def __init__(self) -> None:
+        self.nearest_first = False
+        self._heap: list[tuple[float, float, _Open]] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._heap)
+
+    def push(self, one: _Open) -> None:
+        order = (one.rest, one.bound) if self.nearest_first else (one.bound, one.rest)
+        heapq.heappush(self._heap, (*order, one))
+
+    def pop(self) -> _Open:
+        return heapq.heappop(self._heap)[2]
+
+    def take_nearest(self, nearest_first: bool) -> None:
+        """Changes the order."""
+        if nearest_first is not self.nearest_first:
+            self.nearest_first = nearest_first
+            self._heap = [(second, first, one) for first, second, one in self._heap]
+            heapq.heapify(self._heap)
 
 
 class _Closed:

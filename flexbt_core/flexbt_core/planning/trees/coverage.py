@@ -81,6 +81,8 @@ def explore(
 ) -> Coverage:
     """Tries trees from a state, with up to ``times`` disturbances, until the ``deadline`` or ``MOST_STATES`` states.
 
+    The way from that state to the goal is tried in any case.
+
     Raises:
         PlanningError: the trees do not do what the planner promised. That is a fault of the planner.
     """
@@ -90,7 +92,7 @@ def explore(
     todo = deque([initial])
     runs = _Runs(chooser)
     while todo:
-        if len(seen) > MOST_STATES or clock() >= deadline:
+        if coverage.states and (len(seen) > MOST_STATES or clock() >= deadline):
             coverage.complete = False
             break
         state = todo.popleft()

@@ -68,7 +68,7 @@ def plan(
     if found.start is None:
         reason = why_not(problem, reachability, goals) if found.outcome is Outcome.UNSOLVABLE else ''
         return Plan(problem, found.outcome, found.bound, found.expanded, clock() - began, reason=reason)
-    policy = _policy(domain, goal, goals, found)
+    policy = _policy(domain, goal, goals, found, found.start)
     disturbances = [Disturbance.of(domain, one) for one in problem.disturbances]
     expanded = found.expanded
     hopeless: dict[int, tuple[str, ...]] = {}
@@ -84,7 +84,7 @@ def plan(
             other = search(Reachability(domain, state), goal, time_limit=deadline - clock(), report=report, clock=clock)
             expanded += other.expanded
             if other.start is not None:
-                policy = policy.merged(_policy(domain, goal, goals, other).steps)
+                policy = policy.merged(_policy(domain, goal, goals, other, other.start))
             elif other.outcome is Outcome.UNSOLVABLE:
                 hopeless[state] = way
     named = (domain.actions[action].name for action in found.plan())
@@ -123,9 +123,10 @@ def compiled(problem: Problem) -> tuple[Domain, int, tuple[int, ...]]:
     return domain, domain.mask({GOAL}), tuple(domain.mask(condition) for condition in problem.goal)
 
 
-def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult) -> Policy:
+def _policy(domain: Domain, goal: int, goals: tuple[int, ...], found: SearchResult, start: int) -> Policy:
     ends = {condition: Step(0.0, None, condition) for condition in goals}
-    return Policy(domain, goals, {one: step for one, step in found.steps.items() if one != goal} | ends)
+    steps = {one: step for one, step in found.steps.items() if one != goal} | ends
+    return Policy(domain, goals, steps, (start,))
 
 
 def hopeless(problem: Problem) -> str:
