@@ -13,7 +13,7 @@ from typing import Final
 from target import target
 
 from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Mode, Send
-from flexbt_console.ui.screen import KEYS
+from flexbt_console.ui.interaction import KEYS
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\

@@ -6,8 +6,9 @@ from .command_line import COMMON_OPTIONS, check, parse
 from .completion import candidates
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
 from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
-from .registry import COMMANDS, SCAN_PERIOD, build, find
+from .registry import COMMANDS, build, find
 from .shell_completion import TypedLine, as_typed, completion_script, read_line, shell_words
+from .showing import SCAN_PERIOD
 from .spec import (
     DECISION,
     Answers,

@@ -207,17 +207,17 @@ class CommandBuilder:
         decision = _input_request(view, decision_id)
         return replace(self.command(view, CommandKind.DECLINE), decision_id=decision.id)
 
-    def hand_over_authority(self, view: View, grantee: str = '') -> Command:
-        """Give the authority to another operator; without a name, to the one who asks for it.
+    def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> Command:
+        """A command about another operator, by default the one who asks for the authority: hand it over, or refuse.
 
         Raises:
             RefusedError: no name, and nobody or several ask for it.
         """
         asking = view.snapshot.authority_requests if view.snapshot else ()
-        if not grantee and len(asking) != 1:
-            who = f'these ask for it: {", ".join(asking)}' if asking else 'nobody asks for it'
-            raise RefusedError(f'name the operator who gets the authority; {who}')
-        return replace(self.command(view, CommandKind.HAND_OVER_AUTHORITY), grantee=grantee or asking[0])
+        if not operator and len(asking) != 1:
+            who = f'these ask for the authority: {", ".join(asking)}' if asking else 'nobody asks for the authority'
+            raise RefusedError(f'name the operator who is meant; {who}')
+        return replace(self.command(view, kind), grantee=operator or asking[0])
 
 
 def _describe(decision: Decision) -> str:

@@ -12,8 +12,9 @@ from flexbt_console.errors import UsageError
 from flexbt_console.mirror import LOST_SECONDS
 from flexbt_core.values import excerpt, hint, shown
 
-from .registry import COMMANDS, find, robot_names
+from .registry import COMMANDS, find
 from .spec import CommandLine, CommandSpec, Option, Read, seconds
+from .words import robot_names
 
 COMMON_OPTIONS: Final = (
     Option('--json', 'print JSON for programs: one object, or one a line for watch'),

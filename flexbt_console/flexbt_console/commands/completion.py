@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 from flexbt_console.mirror import View
 
-from .registry import COMMANDS, find, short_answers
+from .registry import COMMANDS, find
 from .spec import CommandSpec, Option, Typed
+from .words import short_answers
 
 BUILT_IN = ('help', 'quit')
 """Commands of the prompt itself."""

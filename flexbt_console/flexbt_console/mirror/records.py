@@ -86,6 +86,7 @@ class CommandKind(IntEnum):
     ABORT_RUN = 19
     HAND_OVER_AUTHORITY = 20
     NOTE = 21
+    REFUSE_AUTHORITY = 22
 
 
 NOTE_LENGTH: Final = 1000

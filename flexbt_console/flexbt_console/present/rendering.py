@@ -154,6 +154,15 @@ def authority_text(snapshot: Snapshot) -> str:
     )
 
 
+def authority_asked_line(snapshot: Snapshot, operator: str | None) -> str:
+    """Who asks this operator for the authority, and by which key of screen and page that is answered; '' for nobody."""
+    if snapshot.authority != operator or not snapshot.authority_requests:
+        return ''
+    oldest, *others = snapshot.authority_requests
+    who = f'{one_line(oldest)} and {len(others)} more ask' if others else f'{one_line(oldest)} asks'
+    return Line(f'{who} for the authority: "c" answers', Tone.WARNING)
+
+
 def decision_line(pending: Decision, snapshot: Snapshot) -> str:
     """A pending decision of a snapshot in one line, with the identifier by which it is answered."""
     return f'[{one_line(pending.id)}] {asked_text(pending, snapshot)}'

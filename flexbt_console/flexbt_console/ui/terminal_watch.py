@@ -24,6 +24,9 @@ END_SECONDS: Final = 10.0
 """Within which a user interface that was told to end has ended; else the process ends all the same."""
 
 _SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+_SUSPENDING: Final = (signal.SIGTSTP, signal.SIGCONT)
+"""For which Textual's driver leaves handlers of its own, which need the event loop."""
+
 _CHECK_SECONDS: Final = 5.0
 _FULL_SECONDS: Final = 0.5
 _SIGN_OFF_SECONDS: Final = 1.0
@@ -60,7 +63,7 @@ class TerminalWatch:
     @contextlib.contextmanager
     def on_signal(self, end: Callable[[], object]) -> Iterator[None]:
         """In the context, which is one of the event loop on the main thread, SIGINT, SIGTERM and SIGHUP have the loop
-        call ``end``.
+        call ``end``. Behind it these, and those that a user interface has set to be suspended, are handled as before.
 
         An exception raised by their handler instead would leave locks taken and threads running: it comes anywhere.
         """
@@ -71,7 +74,7 @@ class TerminalWatch:
             self.signaled(number)
             loop.call_soon_threadsafe(end)
 
-        with restored_signals(*_SIGNALS):
+        with restored_signals(*_SIGNALS, *_SUSPENDING):
             for known in _SIGNALS:
                 signal.signal(known, handle)
             yield

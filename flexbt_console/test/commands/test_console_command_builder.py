@@ -273,12 +273,13 @@ def test_the_authority_is_handed_to_the_one_who_asks(make: CommandBuilder) -> No
     def asked_by(*operators: str) -> View:
         return View(LinkState.LIVE, 0.1, '', Snapshot('e', 1, authority='ann', authority_requests=operators))
 
-    assert make.hand_over_authority(asked_by('bob')).grantee == 'bob'
-    assert make.hand_over_authority(asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
-    with pytest.raises(RefusedError, match='bob, eve'):
-        make.hand_over_authority(asked_by('bob', 'eve'))
-    with pytest.raises(RefusedError, match='nobody asks'):
-        make.hand_over_authority(asked_by())
+    for kind in (CommandKind.HAND_OVER_AUTHORITY, CommandKind.REFUSE_AUTHORITY):
+        assert make.to_requester(kind, asked_by('bob')).grantee == 'bob'
+        assert make.to_requester(kind, asked_by('bob', 'eve'), 'zoe').grantee == 'zoe'
+        with pytest.raises(RefusedError, match='bob, eve'):
+            make.to_requester(kind, asked_by('bob', 'eve'))
+        with pytest.raises(RefusedError, match='nobody asks'):
+            make.to_requester(kind, asked_by())
 
 
 @given(st.text('ab_19/ é-', max_size=6))

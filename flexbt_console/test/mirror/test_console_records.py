@@ -297,7 +297,7 @@ def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None
         assert view.snapshot is not None and view.snapshot.robot_pose is None
         assert view.places.keys() == {'0'}
         assert MapPane(UNICODE).draw(view, 40, 12).plain
-        json.loads(encode_json(parts_of(view)))
+        json.loads(encode_json(parts_of(view, 'ann')))
 
 
 def _places(*poses: PoseStamped) -> msg.PlaceList:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import dataclasses
 import os
 import random
@@ -50,13 +49,15 @@ from flexbt_console.mirror import (
     TreeNode,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.ui.screen import KEYS, OperatorScreen, run_screen
+from flexbt_console.ui.interaction import KEYS
+from flexbt_console.ui.screen import OperatorScreen, run_screen
 from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
 from flexbt_console.ui.screen.machine_lines import machine_lines
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Pane
-from flexbt_console.ui.screen.status_lines import alarm_text, status_text
+from flexbt_console.ui.screen.status_lines import alarm_text, keys_text, status_text
 from flexbt_console.ui.screen.terminal_driver import TerminalDriver
+from flexbt_console.ui.terminal_watch import TerminalWatch
 from flexbt_core.clock import ManualClock
 
 KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
@@ -338,10 +339,32 @@ def test_keys_give_the_commands_of_the_registry() -> None:
         ):
             robot.show(authority=holder, authority_requests=asking)
             await seen(robot, pilot)
+            assert 'c authority' in text_of(app).splitlines()[-1]
             await pilot.press('c')
             assert robot.link.kinds[-1] is expected_kind
 
     on_screen(robot, steps)
+
+
+def test_who_is_asked_for_the_authority_gives_it_to_one_and_refuses_another() -> None:
+    robot = Robot()
+    assert 'authority' not in keys_text(robot.mirror.view(), 200, 'ann').plain
+    robot.show(authority='ann', authority_requests=('bob', 'eve on her way'))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        shown = text_of(app)
+        assert 'bob and 1 more ask for the authority: "c" answers' in shown and 'c authority' in shown.splitlines()[-1]
+        await pilot.press('c', 'escape')
+        assert robot.link.sent == []
+        for downs, kind, grantee in (
+            (0, CommandKind.HAND_OVER_AUTHORITY, 'bob'),
+            (3, CommandKind.REFUSE_AUTHORITY, 'eve on her way'),
+            (4, CommandKind.RELEASE_AUTHORITY, ''),
+        ):
+            await pilot.press('c', *['down'] * downs, 'enter')
+            assert (robot.link.sent[-1].kind, robot.link.sent[-1].grantee) == (kind, grantee)
+
+    on_screen(robot, steps, (80, 24))
 
 
 def test_of_several_active_states_the_one_that_a_key_is_for_is_chosen() -> None:
@@ -595,7 +618,7 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.screen.app.lines_for', fail)
+            patch.setattr('flexbt_console.ui.screen.app.interpret', fail)
             await pilot.press('p')
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)
@@ -643,17 +666,11 @@ def test_after_the_screen_signals_do_what_they_did_before_it(monkeypatch: pytest
         TerminalDriver(screen)
 
     monkeypatch.setattr(OperatorScreen, 'run_async', run_async)
-    robot, numbers = Robot(), (signal.SIGTSTP, signal.SIGCONT)
+    monkeypatch.setattr(TerminalWatch, '_watch', lambda watch: None)  # the terminal of the tests
+    robot, numbers = Robot(), (signal.SIGTSTP, signal.SIGCONT, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
-    run_screen(
-        robot.mirror,
-        robot.link,
-        CommandBuilder('ann'),
-        5.0,
-        robot.clock,
-        'stays',
-        lambda _end: contextlib.nullcontext(),
-    )
+    watch = TerminalWatch(lambda: None)
+    run_screen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'stays', watch.on_signal)
     after = [signal.signal(number, handler) for number, handler in zip(numbers, before, strict=True)]
     assert after == before
 
@@ -702,7 +719,7 @@ def test_long_names_push_nothing_out_that_has_to_be_seen() -> None:
     assert first.rstrip().endswith('  autonomy 1 Low  authority ann  1 other needs you: o'), first
     assert '  authority ann  (asked for' in status_text(view, 160, '', '', 'bob').plain
     *wrong, asks = alarm_text(view, 80, 'ann').plain.splitlines()
-    assert (len(wrong), asks) == (2, ' asked for the authority: "c" gives it to bob; 1 more asks (":" handover NAME)')
+    assert (len(wrong), asks) == (2, ' bob and 1 more ask for the authority: "c" answers')
     assert 'authority' not in alarm_text(view, 80, 'bob').plain
 
 
@@ -836,6 +853,33 @@ def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
     on_screen(robot, look)
 
 
+def test_what_has_another_size_is_drawn_for_it_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_console.ui.screen.app.AGE_SECONDS', 1e6)
+    robot = Robot()
+    robot.show(PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        def misfits() -> list[str | None]:
+            return [
+                pane.id
+                for pane in app.screen.query(Pane)
+                if pane.size.width * pane.size.height > 0
+                if any(width(row) > pane.content_size.width for row in pane._text.plain.split('\n'))
+                or len(pane._text.plain.split('\n')) > max(1, pane.content_size.height)
+            ]
+
+        async with asyncio.timeout(30.0):
+            for columns, rows in ((80, 24), (30, 8), (120, 12), (40, 11), (100, 30)):
+                await pilot.resize_terminal(columns, rows)
+                while misfits():
+                    await pilot.pause(0.01)
+            robot.show(PLAN, peers=tuple(Peer(f'node {number}', alive=False) for number in range(3)))  # takes 3 rows
+            while misfits() or 'node 2' not in text_of(app):
+                await pilot.pause(0.01)
+
+    on_screen(robot, steps, (160, 30))
+
+
 def test_an_idle_screen_draws_nothing() -> None:
     robot = Robot()
 
@@ -967,7 +1011,17 @@ def test_a_lock_has_a_refusal_of_its_own() -> None:
 def test_random_keys_confirm_nothing(size: tuple[int, int]) -> None:
     """Without Enter, and without the keys that send at once, nothing is sent; and nothing makes it end."""
     chance = random.Random(size[0])
-    at_once = {'stop', 'pause', 'more_autonomy', 'less_autonomy', 'lock', 'breakpoint', 'repeat', 'claim', 'decline'}
+    at_once = {
+        'stop',
+        'pause',
+        'more_autonomy',
+        'less_autonomy',
+        'lock',
+        'breakpoint',
+        'repeat',
+        'authority',
+        'decline',
+    }
     keys = [name for key in KEYS if key.action not in at_once | {'confirm', 'leave'} for name in key.keys]
     keys += ['tab', 'shift+tab', 'left', 'right', 'up', 'down', 'escape', 'less_than_sign', 'x', 'k', 'backspace', 'f2']
     robots = FakeRobots(3)

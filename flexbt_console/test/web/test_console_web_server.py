@@ -98,7 +98,7 @@ def test_everything_of_now_is_told() -> None:
         assert decision['reasons'] == [f'because WARN: {NASTY}'] and NASTY in decision['line']
         assert PLAN.id not in decision['line'] and decision['id'] == PLAN.id
         assert parts['trees'][0]['statuses'] == ['running', 'success', 'running', 'idle']
-        assert parts['trees'][0]['leaves'] == ['Wait'] and parts['active']['lockable'] == ['/Drive']
+        assert parts['trees'][0]['leaves'] == ['Wait'] and parts['actions']['lock']['lines'] == ['lock /Drive']
         assert (len(parts['plan']), parts['pose']['x'], list(parts['places'])) == (2, 2.0, ['kitchen'])
         head = json.loads(opened.maps[0][4 : 4 + int.from_bytes(opened.maps[0][:4])])
         assert (head['width'], head['height']) == (80, 60)

@@ -3,7 +3,8 @@
 
 - While nobody holds it, every operator may command.
 - Whoever claims it gets it when it is free, and is a requester otherwise, whom the holder sees.
-- The holder gives it back, or hands it over to somebody. What is given back goes to the oldest requester.
+- The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. What is given back
+  goes to the oldest requester.
 - It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
   requester, too.
 - It goes only to a requester who is there. Whoever is gone for as long as a holder may be does not ask any more, and
@@ -100,16 +101,30 @@ class Authority:
         """Give the authority of ``operator`` to another operator.
 
         Raises:
-            CommandRefusedError: the operator does not have it, or the other one has no name.
+            CommandRefusedError: the operator does not have it.
         """
-        if not operator or operator != self.holder:
-            raise CommandRefusedError(f'{operator!r} does not have the authority to command; nothing to hand over')
-        if not grantee:
-            raise CommandRefusedError('HAND_OVER_AUTHORITY must name in grantee who gets it')
+        self._check_holder(operator)
         if grantee != operator:
             is_there = grantee in self._presence.present
             absent = '' if is_there else f'; no console of {grantee!r} is there, and it ends after {self._timeout:g} s'
             self._give(grantee, f'{operator!r} handed it over{absent}')
+
+    def refuse(self, operator: str, requester: str) -> None:
+        """Take a requester from the list, who asks for the authority of ``operator``.
+
+        Raises:
+            CommandRefusedError: the operator does not have it, or the other one does not ask for it.
+        """
+        self._check_holder(operator)
+        if requester not in self._requests:
+            raise CommandRefusedError(f'{requester!r} does not ask for the authority to command')
+        del self._requests[requester]
+        self._on_change(f'operator {operator!r} refuses {requester!r}, who asked for the authority to command')
+
+    def _check_holder(self, operator: str) -> None:
+        if not operator or operator != self.holder:
+            raise CommandRefusedError(f'{operator!r} does not have the authority to command, so cannot give it away')
+        self._seen()
 
     def _request(self, operator: str) -> None:
         now = self._runtime.steady.now()

@@ -104,6 +104,10 @@ def _hand_over_authority(given: Given) -> None:
     given.authority.hand_over(given.command.operator_id, given.command.grantee)
 
 
+def _refuse_authority(given: Given) -> None:
+    given.authority.refuse(given.command.operator_id, given.command.grantee)
+
+
 def _note(given: Given) -> None:
     command = given.command
     given.report.note(command.operator_id, '\n'.join(lines(command.text)), command.run_id)
@@ -148,7 +152,8 @@ COMMANDS: Final = (
     # Those of the authority look after it by themselves.
     Command('CLAIM_AUTHORITY', _claim_authority, NeededRun.NONE, needs_authority=False),
     Command('RELEASE_AUTHORITY', _release_authority, NeededRun.NONE, needs_authority=False),
-    Command('HAND_OVER_AUTHORITY', _hand_over_authority, NeededRun.NONE, needs_authority=False),
+    Command('HAND_OVER_AUTHORITY', _hand_over_authority, NeededRun.NONE, fields=['grantee'], needs_authority=False),
+    Command('REFUSE_AUTHORITY', _refuse_authority, NeededRun.NONE, fields=['grantee'], needs_authority=False),
     Command('RESUME_RUN', _resume_run, NeededRun.INTERRUPTED),
     Command('ABORT_RUN', _abort_run, NeededRun.INTERRUPTED),
     Command('NOTE', _note, NeededRun.NONE, fields=['text'], needs_authority=False),

@@ -21,10 +21,11 @@ from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.waiting import wait_until
 
-CLAIM, RELEASE, HAND_OVER, STOP, AUTONOMY = (
+CLAIM, RELEASE, HAND_OVER, REFUSE, STOP, AUTONOMY = (
     ExecutiveCommand.CLAIM_AUTHORITY,
     ExecutiveCommand.RELEASE_AUTHORITY,
     ExecutiveCommand.HAND_OVER_AUTHORITY,
+    ExecutiveCommand.REFUSE_AUTHORITY,
     ExecutiveCommand.STOP,
     ExecutiveCommand.AUTONOMY,
 )
@@ -183,7 +184,9 @@ def test_commands_alone_keep_the_authority(make_bench: Make) -> None:
 
 OPERATORS = ('ann', 'bob', 'eve')
 ACTIONS = st.lists(
-    st.tuples(st.sampled_from((CLAIM, RELEASE, HAND_OVER, AUTONOMY)), st.sampled_from(OPERATORS), st.integers(0, 2)),
+    st.tuples(
+        st.sampled_from((CLAIM, RELEASE, HAND_OVER, REFUSE, AUTONOMY)), st.sampled_from(OPERATORS), st.integers(0, 2)
+    ),
     max_size=12,
 )
 
@@ -201,12 +204,13 @@ def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make, consoles: 
         for kind, who, other in actions:
             fields: dict[str, Any] = {'operator_id': who, 'run_id': '', 'autonomy': 1}
             grantee = OPERATORS[other]
-            if kind == HAND_OVER:
+            if kind in (HAND_OVER, REFUSE):
                 fields['grantee'] = grantee
             is_allowed = {
                 CLAIM: True,
                 RELEASE: who == holder or who in asking,
                 HAND_OVER: who == holder,
+                REFUSE: who == holder and grantee in asking,
                 AUTONOMY: holder in ('', who),
             }[kind]
             (bench.applied if is_allowed else bench.refused)(kind, **fields)
@@ -218,6 +222,8 @@ def test_any_sequence_of_claims_is_as_the_rules_say(make_bench: Make, consoles: 
                 holder = asking.pop(0) if asking else ''
             elif kind == RELEASE and is_allowed:
                 asking.remove(who)
+            elif kind == REFUSE and is_allowed:
+                asking.remove(grantee)
             elif kind == HAND_OVER and is_allowed:
                 holder = grantee
                 asking = [one for one in asking if one != grantee]

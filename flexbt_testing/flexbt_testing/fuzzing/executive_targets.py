@@ -27,10 +27,10 @@ from .fuzzer import Target
 COMMAND_WORDS = """
     id kind operator_id executive_id run_id decision_id path outcome autonomy behavior arguments inputs grantee text
     reason @RUN @EXECUTIVE /A /A/B Test done failed tester ann 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21
-    22 255 : , [ ] { } "" {name: x, value: y} {key: k, type: float64, text: nan}
+    22 23 255 : , [ ] { } "" {name: x, value: y} {key: k, type: float64, text: nan}
 """.split()  # noqa: SIM905
 COMMANDS = (
-    *(f'{{kind: {kind}, run_id: @RUN, path: /A, outcome: done}}' for kind in range(23)),
+    *(f'{{kind: {kind}, run_id: @RUN, path: /A, outcome: done}}' for kind in range(24)),
     '{kind: 1, behavior: Test, autonomy: 3}',
     '{kind: 1, behavior: Test, autonomy: 1, executive_id: @EXECUTIVE, operator_id: ann}',
     '{kind: 1, behavior: Test, inputs: [{key: k, type: float64, text: "1"}], arguments: [{name: x, value: y}]}',
@@ -38,6 +38,7 @@ COMMANDS = (
     '{kind: 3, run_id: @RUN, autonomy: 0, path: /Both}',
     '{kind: 13, run_id: @RUN, behavior: Test}',
     '{kind: 20, run_id: @RUN, grantee: ann, operator_id: tester}',
+    '{kind: 22, grantee: ann, operator_id: tester}',
     '{kind: 21, text: "a remark", reason: why}',
 )
 

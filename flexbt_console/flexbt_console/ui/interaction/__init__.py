@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the prompt and the screen share: what a typed line means, the decision that it answers, how they end, and what
+"""What prompt, screen and page share: what a key or a line means, which decision it answers, how they end, and what
 others write to the terminal."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from .attention import Attention
+from .keys import KEYS, Key, help_lines
 from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
@@ -13,9 +14,11 @@ from .standard_error import standard_error_as_lines
 
 __all__ = [
     'CHANGED',
+    'KEYS',
     'REACTION_SECONDS',
     'Attention',
     'Bound',
+    'Key',
     'Local',
     'Meaning',
     'NoLiveLinkError',
@@ -23,6 +26,7 @@ __all__ = [
     'SentCommands',
     'ShownDecision',
     'choose',
+    'help_lines',
     'interpret',
     'standard_error_as_lines',
 ]

@@ -2,7 +2,6 @@
 """The operator's screen: machine, trees, map, decisions and log; one key for each command. Needs textual."""
 
 from .app import OperatorScreen, run_screen, show_recording
-from .keys import KEYS
 from .replay_bar import NOTHING_SENT, NoLink, ReplayBar
 
-__all__ = ['KEYS', 'NOTHING_SENT', 'NoLink', 'OperatorScreen', 'ReplayBar', 'run_screen', 'show_recording']
+__all__ = ['NOTHING_SENT', 'NoLink', 'OperatorScreen', 'ReplayBar', 'run_screen', 'show_recording']

@@ -8,7 +8,6 @@ import contextlib
 import functools
 import math
 import shlex
-import signal
 import threading
 import traceback
 from collections import deque
@@ -27,7 +26,6 @@ from textual.timer import Timer
 from textual.widget import AwaitMount
 from textual.widgets import Input
 
-from flexbt_common.cli import restored_signals
 from flexbt_console.commands import (
     Ask,
     CommandBuilder,
@@ -43,13 +41,16 @@ from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
     CHANGED,
+    KEYS,
     Attention,
     Bound,
+    Key,
     Local,
     Meaning,
     OnSignal,
     SentCommands,
     choose,
+    help_lines,
     interpret,
     standard_error_as_lines,
 )
@@ -58,7 +59,6 @@ from flexbt_core.values import lines, one_line
 
 from .decision_bar import ROWS, Picking, choice_texts, decision_lines
 from .dialogs import ChoiceList, Reading, StartForm
-from .keys import KEYS, Key, help_lines, lines_for
 from .machine_lines import machine_lines, outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS, MapPane
 from .overview import Overview, others_text
@@ -128,7 +128,7 @@ class OperatorScreen(App[None]):
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
     CSS = f"""
-    Screen {{ layout: vertical; }}
+    Screen {{ layout: vertical; overflow: hidden; }}
     #status {{ height: 1; }}
     #alarm {{ height: auto; max-height: 3; }}
     #panes {{ height: 3fr; }}
@@ -255,9 +255,9 @@ class OperatorScreen(App[None]):
             self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._leaving}.'])
         self.draw()
 
-    def on_resize(self) -> None:
-        """Draw for the new size, when the panes have theirs."""
-        self.call_after_refresh(self.draw)
+    def on_pane_resized(self) -> None:
+        """Draw for the size that there is now."""
+        self._wake()
 
     # What is shown
 
@@ -326,7 +326,9 @@ class OperatorScreen(App[None]):
             ('lines', self._lines),
             (
                 'keys',
-                lambda view, columns, rows: self._replay.text(columns) if self._replay else keys_text(view, columns),
+                lambda view, columns, rows: (
+                    self._replay.text(columns) if self._replay else keys_text(view, columns, self._make.operator)
+                ),
             ),
         )
 
@@ -395,15 +397,12 @@ class OperatorScreen(App[None]):
         if why := key.blocked(view):
             self._warn(f'{key.label}: {why}')
             return
-        own: Callable[[Key, View], None] | None = getattr(self, f'_do_{action}', None)
-        if own is not None:
-            own(key, view)
+        if key.lines is None:
+            getattr(self, f'_do_{action}')(key, view)
+        elif len(written := key.lines(view, self._make.operator)) == 1:
+            self.do(written[0])
         else:
-            written = lines_for(action, view, self._make.operator)
-            if len(written) == 1:
-                self.do(written[0])
-            else:
-                self._choose(key.help, written, written)
+            self._choose(key.help, written, written)
 
     @_guarded
     def action_replay(self, move: str) -> None:
@@ -665,7 +664,6 @@ class OperatorScreen(App[None]):
         self._zoomed = (self._zoomed + 1) % (len(ZOOMED) + 1)
         for number, name in enumerate(ZOOMED, 1):
             base.set_class(number == self._zoomed, f'zoom-{name}')
-        self.call_after_refresh(self.draw)
 
     def _do_help(self, key: Key, view: View) -> None:
         shown = replay_help_lines() if self._replay else [*help_lines(), '', *prompt_help(self._leaving)]
@@ -759,8 +757,7 @@ def _run(screen: OperatorScreen, on_signal: OnSignal) -> None:
     """Nothing else writes to its terminal."""
 
     async def run() -> None:
-        # Textual's driver leaves handlers of its own, which need the event loop.
-        with restored_signals(signal.SIGTSTP, signal.SIGCONT), on_signal(screen.exit):
+        with on_signal(screen.exit):
             await screen.run_async()
 
     with standard_error_as_lines(lambda text: screen.tell([Line(text, Tone.WARNING)])):

@@ -183,13 +183,9 @@ class Reading(ModalScreen[None]):
     def on_mount(self) -> None:
         """The text has the keys that scroll."""
         self.set_focus(self.query_one(VerticalScroll))
-        self.call_after_refresh(self._draw)
 
-    def on_resize(self) -> None:
-        """Fold for the new size."""
-        self.call_after_refresh(self._draw)
-
-    def _draw(self) -> None:
+    def on_pane_resized(self) -> None:
+        """Fold for the width that there is now."""
         for scroll in self.query(VerticalScroll):  # not any more, when it was closed meanwhile
             columns = scroll.scrollable_content_region.width
             scroll.query_one(Pane).show(styled(folded(self._text, columns)))

@@ -51,13 +51,9 @@ class Overview(ModalScreen[str | None]):
         """See :class:`textual.screen.Screen`."""
         yield Pane()
 
-    def on_mount(self) -> None:
-        """Draw as soon as there is a size."""
-        self.call_after_refresh(self.draw)
-
-    def on_resize(self) -> None:
-        """Draw for the new size."""
-        self.call_after_refresh(self.draw)
+    def on_pane_resized(self) -> None:
+        """Draw for the size that there is now."""
+        self.draw()
 
     def draw(self) -> None:
         """Draw the robots as they are now."""

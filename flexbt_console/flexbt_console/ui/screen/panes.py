@@ -12,6 +12,7 @@ from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
 from textual.geometry import Region, Size
+from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -64,6 +65,9 @@ class Pane(Widget):
 
     DEFAULT_CSS = 'Pane { height: auto; }'
 
+    class Resized(Message):
+        """A pane has got another size, for which it has to be drawn."""
+
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._text = Text()
@@ -84,6 +88,10 @@ class Pane(Widget):
         for number, (old, new) in enumerate(zip_longest(before, self._rows, fillvalue=no_row)):
             if old != new and (span := _changed(_cells(old, width), _cells(new, width))) is not None:
                 self.refresh(Region(span[0], number, span[1] - span[0], 1))
+
+    def on_resize(self) -> None:
+        """See :class:`Resized`."""
+        self.post_message(self.Resized())
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
         """See :class:`textual.widget.Widget`."""

@@ -8,12 +8,13 @@ from collections.abc import Iterable, Sequence
 from rich.text import Text
 
 from flexbt_console.mirror import ExecutiveEvent, LogLine, View
-from flexbt_console.pictures import cut, fold, width
+from flexbt_console.pictures import cut, cut_middle, fold, width
 from flexbt_console.present import (
     Line,
     Tone,
     age_text,
     alarm_line,
+    authority_asked_line,
     authority_text,
     autonomy_text,
     event_line,
@@ -23,9 +24,9 @@ from flexbt_console.present import (
     tone_of,
     what_runs,
 )
+from flexbt_console.ui.interaction import KEYS
 from flexbt_core.values import one_line
 
-from .keys import KEYS
 from .panes import styled
 
 ALARM_ROWS = 3
@@ -73,12 +74,8 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
-    asked: list[str] = []
-    if snapshot is not None and snapshot.authority_requests and snapshot.authority == operator:
-        oldest, *others = snapshot.authority_requests
-        more = f'; {len(others)} more {"ask" if others[1:] else "asks"} (":" handover NAME)' if others else ''
-        asks = f'asked for the authority: "c" gives it to {one_line(oldest)}'
-        asked = [Line(_with_end(asks, more, columns - 1), Tone.WARNING)]
+    asks = authority_asked_line(snapshot, operator) if snapshot is not None else ''
+    asked = [Line(cut_middle(asks, columns - 1), tone_of(asks))] if asks else []
     shown = [*shown[: ALARM_ROWS - len(asked)], *asked]
     rows = ALARM_ROWS // max(1, len(shown))
     return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
@@ -112,13 +109,14 @@ def _with_time(stamp: float, line: str) -> str:
     return Line(f'{time:>8}  {line}', tone_of(line))
 
 
-def keys_text(view: View, columns: int) -> Text:
-    """The keys, as many as there is room for; those that cannot be used now are dim."""
+def keys_text(view: View, columns: int, operator: str | None) -> Text:
+    """The keys, as many as there is room for; those that this operator cannot use now are dim."""
     room = columns
     chosen: set[str] = set()
-    for key in sorted(KEYS, key=lambda one: (bool(one.blocked(view)), one.rank)):
+    ranks = {key: 0 if key.needs(view, operator) else key.rank for key in KEYS}
+    for key in sorted(KEYS, key=lambda one: (bool(one.blocked(view)), ranks[one])):
         needed = len(key.shown) + len(key.label) + 3
-        if key.rank < 3 and needed <= room:
+        if ranks[key] < 3 and needed <= room:
             chosen.add(key.action)
             room -= needed
     text = Text(no_wrap=True, end='')

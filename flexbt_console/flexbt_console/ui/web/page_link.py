@@ -125,7 +125,7 @@ class PageLink:
 
     async def _tell_changes(self) -> None:
         view = self._station.mirror.view()
-        parts = parts_of(view)
+        parts = parts_of(view, self._station.make.operator)
         if self._station.obstacles is not None:
             parts['simulator'] = self._station.obstacles.is_possible()
             parts['obstacles'] = self._station.obstacles.dropped

@@ -12,6 +12,7 @@ from flexbt_console.present import (
     age_text,
     alarm_line,
     asked_text,
+    authority_asked_line,
     authority_text,
     autonomy_text,
     link_word,
@@ -25,6 +26,7 @@ from flexbt_console.present import (
     tone_of,
     what_runs,
 )
+from flexbt_console.ui.interaction import KEYS
 from flexbt_core.values import one_line
 
 from .drawings import machine_drawing, tree_drawing
@@ -37,11 +39,16 @@ COMMAND_PART: Final = [
 ]
 
 
-def parts_of(view: View) -> dict[str, Any]:
-    """The parts by their names. All texts are escaped for a line, and nothing of them is HTML."""
+def parts_of(view: View, operator: str | None) -> dict[str, Any]:
+    """The parts by their names, for this operator. All texts are escaped for a line, and nothing of them is HTML."""
     return {
         'link': {'state': view.link.value, 'word': link_word(view), 'problem': one_line(view.problem)},
-        'status': _status(view),
+        'status': _status(view, operator),
+        'actions': {
+            key.action: {'help': key.help, 'blocked': key.blocked(view), 'lines': key.lines(view, operator)}
+            for key in KEYS
+            if key.lines is not None
+        },
         'active': _active(view),
         'decisions': [_decision(decision, view) for decision in view.decisions],
         'machine': _machine(view),
@@ -54,7 +61,7 @@ def parts_of(view: View) -> dict[str, Any]:
     }
 
 
-def _status(view: View) -> dict[str, Any] | None:
+def _status(view: View, operator: str | None) -> dict[str, Any] | None:
     snapshot = view.snapshot
     if snapshot is None:
         return None
@@ -68,6 +75,7 @@ def _status(view: View) -> dict[str, Any] | None:
         'autonomy': snapshot.autonomy,
         'autonomy_text': autonomy_text(snapshot.autonomy),
         'authority': authority_text(snapshot) if snapshot.authority or snapshot.authority_requests else '',
+        'asked': authority_asked_line(snapshot, operator),
         'missed': [peer_line(peer) for peer in snapshot.missed_peers],
         'locked': snapshot.locked,
         'breakpoints': snapshot.breakpoints,
@@ -77,10 +85,9 @@ def _status(view: View) -> dict[str, Any] | None:
 def _active(view: View) -> dict[str, Any]:
     snapshot = view.snapshot
     if snapshot is None:
-        return {'paths': [], 'lockable': [], 'states': []}
+        return {'paths': [], 'states': []}
     return {
         'paths': view.active_levels,
-        'lockable': view.lockable_paths,
         'states': [
             {
                 'path': state.path,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What the server tells, put into the page; texts only as text.
 
-import {Commands} from './commands.js';
+import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
 import {bring, keep, mark, show, statuses} from './drawing.js';
 import {RobotMap} from './map.js';
@@ -9,7 +9,7 @@ import {ServerLink} from './server_link.js';
 
 const MOST_LOG = 500;
 const byId = (id) => document.getElementById(id);
-const known = {active: {paths: [], lockable: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
+const known = {actions: {}, active: {paths: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
 let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
 
@@ -129,25 +129,24 @@ function drawHead() {
   byId('link').className = live ? 'good' : 'error';
   byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
   byId('runs').textContent = status?.runs ?? '';
-  byId('authority').textContent = status?.authority ? `authority ${status.authority}` : '';
+  byId('holder').textContent = status?.authority ? `authority ${status.authority}` : '';
   const alarm = [];
   if (!server.open) alarm.push(...(server.text ? [server.text, 'trying again'] : []));
   else if (!live) alarm.push('BLIND: this is how it was then; only STOP is sent');
   if (known.link?.problem) alarm.push(known.link.problem);
-  if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...(status.message ? [status.message] : []));
+  if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...[status.message, status.asked].filter(Boolean));
   if (byId('alarm').textContent !== alarm.join('\n')) byId('alarm').textContent = alarm.join('\n');
   document.body.classList.toggle('blind', !live);
   bar.allow(live);
   const running = Boolean(status?.running);
-  const stands = status?.state === 'paused' || status?.state === 'interrupted';
-  byId('pause').firstChild.data = stands ? 'Go on ' : 'Pause ';
+  byId('pause').firstChild.data = known.actions.pause?.lines[0] === 'resume' ? 'Go on ' : 'Pause ';
   byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
   byId('stop').disabled = !server.open;
-  for (const [id, allowed, why] of [['pause', live && running, 'no behavior runs'], ['start', live, ''], ['force', live && running, 'no state is active'],
-    ...['repeat', 'lock', 'breakpoint'].map((name) => [name, live && running, 'no state is active']),
-    ['note', live, ''], ['autonomy', live, '']]) {
-    byId(id).disabled = !allowed;
-    byId(id).title = allowed ? '' : live ? why : 'the picture is not live';
+  const blocked = [...ACTIONS.filter((action) => action !== 'stop').map((action) => [action, known.actions[action]?.blocked]),
+    ['force', running ? '' : 'no state is active'], ['start', ''], ['note', ''], ['autonomy', '']];
+  for (const [id, why] of blocked) {
+    byId(id).disabled = !live || Boolean(why);
+    byId(id).title = live ? why ?? '' : 'the picture is not live';
   }
   if (status && document.activeElement !== byId('autonomy')) byId('autonomy').value = String(status.autonomy);
   const marks = [['locked', status?.locked ?? []], ['breakpoint', status?.breakpoints ?? []]];

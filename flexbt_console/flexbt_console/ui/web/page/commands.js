@@ -4,6 +4,10 @@
 import {element, plain} from './decision.js';
 
 const COMPLETE_MS = 100;
+
+// The actions of the screen's keys that have a button: each is as it is on the screen.
+export const ACTIONS = ['stop', 'pause', 'repeat', 'lock', 'breakpoint', 'authority'];
+
 const byId = (id) => document.getElementById(id);
 
 // A word as the prompt reads it (POSIX shell quoting).
@@ -15,12 +19,10 @@ export class Commands {
     Object.assign(this, {send, tell, now, bar});
     this.specs = [];
     this.lineBound = null;
-    byId('stop').addEventListener('click', () => this.do('stop'));
-    byId('pause').addEventListener('click', () => this.pause());
+    for (const action of ACTIONS) byId(action).addEventListener('click', () => this.act(action));
     byId('autonomy').addEventListener('change', (event) => this.do(`autonomy ${event.target.value}`));
     byId('start').addEventListener('click', () => this.start());
     byId('force').addEventListener('click', () => this.force());
-    for (const name of ['repeat', 'lock', 'breakpoint']) byId(name).addEventListener('click', () => this[name]());
     byId('note').addEventListener('click', () => this.type('note '));
     byId('help').addEventListener('click', () => this.help());
     byId('line-form').addEventListener('submit', (event) => { event.preventDefault(); this.submit(); });
@@ -34,30 +36,12 @@ export class Commands {
     this.send({do: line, decision});
   }
 
-  pause() {
-    const state = this.now().status?.state;
-    this.do(state === 'paused' || state === 'interrupted' ? 'resume' : 'pause');
-  }
-
-  repeat() { this.atState('enter a state again', this.now().active.states.map((state) => state.path), 'repeat', 'repeat', []); }
-
-  breakpoint() {
-    const {active, status} = this.now();
-    this.atState('breakpoint at a state', active.states.map((state) => state.path), 'breakpoint', 'clear', status?.breakpoints ?? []);
-  }
-
-  lock() {
-    const {active, status} = this.now();
-    this.atState('keep a state or container from being left', active.lockable, 'lock', 'unlock', status?.locked ?? [],
-      'nothing that is active can be locked');
-  }
-
-  // Of several states that can be meant, one is chosen.
-  atState(title, paths, verb, undo, done, none = 'no state is active') {
-    const lines = paths.map((path) => `${done.includes(path) ? undo : verb} ${word(path)}`);
-    if (!lines.length) this.tell(none, 'warning');
+  // What a key of the screen's table means now: a line, or one of several.
+  act(action) {
+    const {blocked, lines, help} = this.now().actions[action] ?? {lines: [action]};  // nothing was heard of the robot yet
+    if (blocked) this.tell(blocked, 'warning');
     else if (lines.length === 1) this.do(lines[0]);
-    else this.read(title, this.list(lines.map((line) => [line, line])));
+    else this.read(help, this.list(lines.map((line) => [line, line])));
   }
 
   force() {
@@ -114,7 +98,7 @@ export class Commands {
       return element('li', {}, button, ` ${spec.summary}`);
     });
     const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, g to the map, s start, f force, r repeat, ' +
-      'l lock, b breakpoint, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
+      'l lock, b breakpoint, c authority, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), element('ul', {}, ...rows)));
   }
 
@@ -160,15 +144,15 @@ export class Commands {
   key(event) {
     if (event.key === 'F8') {
       event.preventDefault();
-      if (!event.repeat) this.do('stop');
+      if (!event.repeat) this.act('stop');
       return;
     }
     const inField = event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
     const onButton = event.target.closest?.('button, a');
     if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     const actions = {
-      '!': () => this.do('stop'), p: () => this.pause(), f: () => this.force(), s: () => this.start(), r: () => this.repeat(),
-      l: () => this.lock(), b: () => this.breakpoint(),
+      '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.act('repeat'),
+      l: () => this.act('lock'), b: () => this.act('breakpoint'), c: () => this.act('authority'),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
       Enter: onButton ? null : () => this.bar.confirm(),
     };

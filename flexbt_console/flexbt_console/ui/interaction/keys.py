@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The keys of an operator: one table, from which footer, help and documentation of the screen are made, and what the
+same keys and buttons of the page do.
+
+No key depends on which pane has the focus. A key whose command cannot work now says why.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Container, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from flexbt_console.mirror import AutonomyLevel, DecisionKind, ExecutiveState, View
+
+Possible = Callable[[View], str]
+"""Why it cannot work now; '' when it can."""
+
+Written = Callable[[View, str | None], list[str]]
+"""What a key of this operator stands for, as it would be typed: one line, or several of which one is meant."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
+
+    ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
+    it now.
+    """
+
+    keys: tuple[str, ...]
+    shown: str
+    label: str
+    help: str
+    action: str
+    blocked: Possible = lambda view: ''
+    lines: Written | None = None
+    rank: int = 1
+    needs: Callable[[View, str | None], bool] = lambda view, operator: False
+
+
+def _runs(view: View) -> str:
+    return '' if view.running else 'no behavior runs'
+
+
+def _is_idle(view: View) -> str:
+    return 'a behavior runs; "w" goes on with another one' if view.running else ''
+
+
+def _waits(view: View) -> str:
+    return '' if view.decision is not None else 'nothing waits for you'
+
+
+def _has_choices(view: View) -> str:
+    return _waits(view) or ('' if view.decision is not None and view.decision.choices else 'there is nothing to pick')
+
+
+def _wants_pose(view: View) -> str:
+    return '' if view.decision is not None and view.decision.wants_pose else 'no pose is asked for'
+
+
+def _wants_value(view: View) -> str:
+    is_input = view.decision is not None and view.decision.kind is DecisionKind.INPUT
+    return '' if is_input else 'no value is asked for'
+
+
+def _is_active(view: View) -> str:
+    return '' if view.active_paths else 'no state is active'
+
+
+def _is_lockable(view: View) -> str:
+    return '' if view.lockable_paths else 'nothing that is active can be locked'
+
+
+# The lines of keys. Of several states that are active, any can be meant; a lock is also for the containers around them.
+
+
+def _line(text: str) -> Written:
+    return lambda view, operator: [text]
+
+
+def _pause(view: View, operator: str | None) -> list[str]:
+    stands = view.snapshot is not None and view.snapshot.state in (ExecutiveState.PAUSED, ExecutiveState.INTERRUPTED)
+    return ['resume' if stands else 'pause']
+
+
+def _autonomy(by: int) -> Written:
+    def lines(view: View, operator: str | None) -> list[str]:
+        level = (view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW) + by
+        return [f'autonomy {min(max(level, AutonomyLevel.OFF), AutonomyLevel.FULL)}']
+
+    return lines
+
+
+def _lock(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.lockable_paths, 'lock', 'unlock', view.snapshot.locked if view.snapshot else ())
+
+
+def _breakpoint(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.active_paths, 'breakpoint', 'clear', view.snapshot.breakpoints if view.snapshot else ())
+
+
+def _repeat(view: View, operator: str | None) -> list[str]:
+    return _at_each(view.active_paths, 'repeat', 'repeat', ())
+
+
+def _at_each(paths: Iterable[str], verb: str, undo: str, done: Container[str]) -> list[str]:
+    return [f'{undo if path in done else verb} {shlex.quote(path)}' for path in paths]
+
+
+def _authority(view: View, operator: str | None) -> list[str]:
+    snapshot = view.snapshot
+    if snapshot is None or operator not in (snapshot.authority, *snapshot.authority_requests):
+        return ['claim']
+    asking = snapshot.authority_requests if snapshot.authority == operator else ()
+    return [*(f'{verb} {shlex.quote(one)}' for one in asking for verb in ('handover', 'refuse')), 'release']
+
+
+def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
+    """Whether the authority keeps this operator from commanding, or somebody asks this operator for it."""
+    snapshot = view.snapshot
+    if snapshot is None or operator is None:
+        return False
+    return bool(snapshot.authority_requests if snapshot.authority == operator else snapshot.authority)
+
+
+_OF_DECISION: Final = (
+    Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
+    Key(tuple('0123456789'), '0-9', 'pick', 'pick an answer, by 0 from a list; Enter sends it', 'pick', _has_choices),
+    Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
+    Key(
+        ('d',),
+        'd',
+        'decline',
+        'decline to give the value that is asked for',
+        'decline',
+        _wants_value,
+        _line('decline'),
+        rank=3,
+    ),
+)
+
+_OF_RUN: Final = (
+    Key(
+        ('exclamation_mark', 'f8'),
+        '! F8',
+        'STOP',
+        'stop the run, bring the robot to rest; F8 from anywhere',
+        'stop',
+        lines=_line('stop'),
+    ),
+    Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs, _pause),
+    Key(('f',), 'f', 'force', 'leave an active state by an outcome of your choice', 'force', _is_active, rank=2),
+    Key(
+        ('plus',),
+        '+ -',
+        'autonomy',
+        'let the robot decide more alone, or less',
+        'more_autonomy',
+        lines=_autonomy(1),
+        rank=2,
+    ),
+    Key(
+        ('minus',),
+        '-',
+        'less autonomy',
+        'let the robot decide less alone',
+        'less_autonomy',
+        lines=_autonomy(-1),
+        rank=3,
+    ),
+    Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
+    Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
+    Key(
+        ('l',),
+        'l',
+        'lock',
+        'keep a state or container from being left, or let it go',
+        'lock',
+        _is_lockable,
+        _lock,
+        rank=3,
+    ),
+    Key(
+        ('b',),
+        'b',
+        'break',
+        'set or clear a breakpoint at the active state',
+        'breakpoint',
+        _is_active,
+        _breakpoint,
+        rank=3,
+    ),
+    Key(('r',), 'r', 'repeat', 'leave the active state and enter it again', 'repeat', _is_active, _repeat, rank=3),
+    Key(
+        ('c',),
+        'c',
+        'authority',
+        'claim the authority to command, or ask who has it; give it to who asks, refuse it, or give it back',
+        'authority',
+        lines=_authority,
+        rank=3,
+        needs=_is_held_or_asked_for,
+    ),
+)
+
+_OF_SCREEN: Final = (
+    Key(('colon',), ':', 'command', 'type any command; Tab completes it, Esc leaves', 'command_line'),
+    Key(('question_mark', 'f1'), '?', 'keys', 'show the keys and the commands', 'help'),
+    Key(('z',), 'z', 'zoom', 'the next pane alone on the screen; after the last, all of them', 'zoom', rank=2),
+    Key(('o',), 'o', 'robots', 'all robots, the most urgent first; Enter goes to one', 'robots', rank=2),
+    Key(('q',), 'q', 'quit', 'leave the screen', 'leave'),
+    Key(
+        ('u',),
+        'u',
+        'userdata',
+        'show what the states have handed to each other',
+        'userdata',
+        _runs,
+        _line('userdata'),
+        rank=3,
+    ),
+    Key(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
+)
+
+KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
+
+
+def help_lines() -> list[str]:
+    """The table, for people."""
+    return [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
