@@ -9,8 +9,12 @@ import os
 import random
 import re
 import signal
+import unicodedata
 from collections.abc import Awaitable, Callable
+from enum import IntEnum
 from importlib.resources import files
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import pytest
 from rich.cells import set_cell_size, split_graphemes
@@ -31,6 +35,7 @@ from flexbt_console.mirror import (
     CommandResult,
     Decision,
     DecisionKind,
+    ExecutiveEvent,
     ExecutiveState,
     Fleet,
     GridMap,
@@ -60,7 +65,9 @@ from flexbt_console.ui.screen.terminal_driver import TerminalDriver
 from flexbt_console.ui.terminal_watch import TerminalWatch
 from flexbt_core.clock import ManualClock
 
-KEY_COUNT = int(os.environ.get('FLEXBT_KEYS', '80'))
+KEY_COUNT, KEY_SEED = (
+    int(os.environ.get(name, default)) for name, default in (('FLEXBT_KEYS', '80'), ('FLEXBT_SEED', '1'))
+)
 
 PLAN = Decision('d1', DecisionKind.TRANSITION, '/Drive', 'done', ('done', 'failed'), 2, prompt='arrived')
 OTHER = dataclasses.replace(PLAN, id='d2', outcome='failed')
@@ -1007,37 +1014,120 @@ def test_a_lock_has_a_refusal_of_its_own() -> None:
     assert lock.blocked(robot.mirror.view()) == 'nothing that is active can be locked'
 
 
-@pytest.mark.parametrize('size', [(80, 24), (30, 8)])
-def test_random_keys_confirm_nothing(size: tuple[int, int]) -> None:
+HOSTILE = (
+    *('\x1b[2Jx', '\x9b31m', 'a\r\nb', '[red]loud[/red]', '[/]', '[@click=app.quit]x[/]', '\u202eabc', '\u200b'),
+    *('\u0300' * 9, '厨房', '👩\u200d👩\u200d👧', '❤\ufe0f', 'שלום', 'ﷺ', 'x' * 10_000, '厨' * 500, '', ' ', '/', '//'),
+    *("it's", '"', '-x', '\\', '\x00', '\ud800', '\t', '\u2028', '{0}', '1', 'stop', 'quit', '=finished'),
+    *('\x1b]52;c;AAAA\x07', 'ann', 'done'),
+)
+NUMBERS = (0, 1, 2, 3, -1, 255, 2**31 - 1)
+
+
+def wild(chance: random.Random, kind: Any) -> Any:
+    """Any value of a type that a record of the mirror may have."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is tuple and inner[-1] is Ellipsis:
+        return tuple(wild(chance, inner[0]) for _ in range(chance.choice((0, 1, 1, 2, 40))))
+    if origin is tuple:
+        return tuple(wild(chance, one) for one in inner)
+    if inner:  # or None
+        return wild(chance, chance.choice(inner))
+    if dataclasses.is_dataclass(kind):
+        return kind(**{name: wild(chance, one) for name, one in get_type_hints(kind).items()})
+    if issubclass(kind, IntEnum):
+        return chance.choice(list(kind))
+    values = {str: HOSTILE, int: NUMBERS, float: (0.5, 1.7e9, *NUMBERS), bool: (False, True), NoneType: (None,)}
+    return chance.choice(values[kind])
+
+
+def say_anything(chance: random.Random, robot: Robot, number: int) -> None:
+    """The next message of a robot of which one can rely on nothing."""
+    mirror = robot.mirror
+    said = chance.randrange(8)
+    if said == 0:
+        mirror.receive_structure(dataclasses.replace(wild(chance, Structure), run_id='r1'))
+    elif said == 1:
+        mirror.receive_behaviors(dataclasses.replace(wild(chance, BehaviorList), executive_id='e'))
+    elif said == 2:
+        mirror.receive_log(dataclasses.replace(wild(chance, LogLine), sequence=number))
+    elif said == 3:
+        mirror.receive_events([dataclasses.replace(wild(chance, ExecutiveEvent), sequence=number)])
+    elif said == 4:
+        robot.run_tree(*(chance.randrange(uid) for uid in range(1, chance.choice((2, 40)))))
+    elif said == 5:
+        mirror.receive_places(dict(wild(chance, tuple[tuple[str, Pose], ...])))
+        mirror.receive_plan(wild(chance, tuple[tuple[float, float], ...]))
+    elif said == 6:
+        mirror.set_problem(wild(chance, str))
+    parts = {one.name: getattr(wild(chance, Snapshot), one.name) for one in dataclasses.fields(Snapshot)}
+    kept = ('executive_id', 'sequence', 'results', 'decisions')
+    decisions = [dataclasses.replace(one, id=f'{one.id}{number}') for one in parts['decisions']]
+    robot.show(*decisions, **{name: value for name, value in parts.items() if name not in kept})
+
+
+def test_random_keys_send_nothing_whatever_a_robot_says_and_however_large_the_terminal_is() -> None:
     """Without Enter, and without the keys that send at once, nothing is sent; and nothing makes it end."""
-    chance = random.Random(size[0])
+    chance = random.Random(KEY_SEED)
     at_once = {
         'stop',
         'pause',
-        'more_autonomy',
-        'less_autonomy',
         'lock',
         'breakpoint',
         'repeat',
         'authority',
         'decline',
+        'more_autonomy',
+        'less_autonomy',
     }
     keys = [name for key in KEYS if key.action not in at_once | {'confirm', 'leave'} for name in key.keys]
     keys += ['tab', 'shift+tab', 'left', 'right', 'up', 'down', 'escape', 'less_than_sign', 'x', 'k', 'backspace', 'f2']
+    keys += ['pageup', 'pagedown', 'home', 'end', 'ctrl+c', 'ctrl+p', 'ctrl+z', 'delete', '厨']
     robots = FakeRobots(3)
-    one = robots.robots['/robot00']
+    own = robots.robots['/robot00']
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for number in range(KEY_COUNT):
-            if number % 10 == 0:
-                waiting = chance.choice([(), (PLAN,), (CHOICE,), (WHERE,), (OTHER, WHERE)])
-                state = chance.choice([ExecutiveState.RUNNING, ExecutiveState.IDLE, ExecutiveState.PAUSED])
-                chance.choice(list(robots.robots.values())).show(*waiting, state=state)
+            if number % 5 == 0:
+                say_anything(chance, chance.choice(list(robots.robots.values())), number + 10)
+                own.clock.advance(chance.choice((0.1, 1.0, 9.0)))
+            if number % 20 == 0:
+                await pilot.resize_terminal(chance.choice((20, 40, 80, 300)), chance.choice((5, 8, 24, 100)))
             is_listed = isinstance(app.screen, Overview)
             await pilot.press('enter' if is_listed and chance.random() < 0.3 else chance.choice(keys))
-        assert app.is_running and not [line for _, line in app._told if 'fault' in line]
+            assert app.is_running
+            assert [str(line) for _, line in app._told if 'fault' in line] == [], [str(line) for _, line in app._told]
+            assert not [one for one in text_of(app) if unicodedata.category(one) in ('Cc', 'Cs', 'Zl') and one != '\n']
         assert all(robot.link.sent == [] for robot in robots.robots.values())
         await pilot.press('f8')
         assert [robot.link.kinds for robot in robots.robots.values() if robot.link.sent] == [[CommandKind.STOP]]
 
-    on_screen(one, steps, size, robots)
+    on_screen(own, steps, (80, 24), robots)
+
+
+def test_in_a_terminal_that_has_no_room_for_it_a_dialog_is_cut() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for size in ((4, 10), (9, 9), (20, 4)):
+            await pilot.resize_terminal(*size)
+            robot.show(state=ExecutiveState.RUNNING)
+            await pilot.press('f', 'pagedown', 'pageup', 'escape', '?', 'escape')
+            robot.show(state=ExecutiveState.IDLE)
+            await pilot.press('s', 'pagedown', 'enter', 'tab', 'escape')
+        assert app.is_running and not [line for _, line in app._told if 'fault' in line]
+
+    on_screen(robot, steps)
+
+
+def test_a_fault_in_a_dialog_is_told_and_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr('flexbt_console.ui.screen.dialogs.ChoiceList.action_move', lambda _list, _move: 1 / 0)
+            await pilot.press('f', 'down')
+        await pilot.press('escape', 'z', 'z', 'z', 'f8')
+        await seen(robot, pilot)
+        assert 'ZeroDivisionError' in text_of(app) and robot.link.kinds == [CommandKind.STOP]
+
+    on_screen(robot, steps)

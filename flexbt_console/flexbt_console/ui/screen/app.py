@@ -11,14 +11,16 @@ import shlex
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Final, ParamSpec, Protocol
 
 from rich.text import Text
 from textual import events
+from textual.actions import ActionParseResult
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
+from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.suggester import Suggester
@@ -146,6 +148,7 @@ class OperatorScreen(App[None]):
     .dialog {{ width: 70; max-width: 90%; height: auto; max-height: 90%; padding: 0 1; border: round $primary;
                background: $surface; }}
     .dialog Label {{ width: 100%; }}
+    .dialog OptionList {{ min-width: 12; }}
     .wide {{ width: 100%; max-width: 100%; }}
     .dim {{ text-style: dim; }}
     .ascii #map {{ border-left: ascii $primary-darken-2; }}
@@ -377,11 +380,23 @@ class OperatorScreen(App[None]):
         is_typing = self.query_one('#line', Input).has_class('typing')
         return action == 'leave_mode' or is_typing == (action in ('complete', 'enter_line'))
 
+    async def run_action(
+        self,
+        action: str | ActionParseResult,
+        default_namespace: DOMNode | None = None,
+        namespaces: Mapping[str, DOMNode] | None = None,
+    ) -> bool:
+        """See :class:`textual.app.App`. A fault in what a key does, also in a dialog, is told, and it goes on."""
+        try:
+            return await super().run_action(action, default_namespace, namespaces)
+        except Exception as error:
+            self.tell_fault(error)
+            return True
+
     def action_stop_now(self) -> None:
         """Stop, whatever is open."""
         self.action_press('stop')
 
-    @_guarded
     def action_press(self, action: str) -> None:
         """A key of the table was pressed."""
         key = next(key for key in KEYS if key.action == action)
@@ -404,7 +419,6 @@ class OperatorScreen(App[None]):
         else:
             self._choose(key.help, written, written)
 
-    @_guarded
     def action_replay(self, move: str) -> None:
         """Move on the time line of the recording."""
         if self._replay is not None:
@@ -423,7 +437,6 @@ class OperatorScreen(App[None]):
             self._told.clear()
         self.draw()
 
-    @_guarded
     def action_pick(self, number: int) -> None:
         """A number was pressed."""
         view = self._mirror.view()
@@ -447,13 +460,11 @@ class OperatorScreen(App[None]):
         texts = choice_texts(decision, view.state(decision.path), self._signs)
         self._opening = self.push_screen(ChoiceList('pick an answer', texts), chosen)
 
-    @_guarded
     def action_cursor(self, key: str) -> None:
         """Move or turn the cursor on the map."""
         if self._map.move(key):
             self.draw()
 
-    @_guarded
     def action_leave_mode(self) -> None:
         """Leave what was begun; nothing is sent."""
         self._map.leave()
@@ -461,7 +472,6 @@ class OperatorScreen(App[None]):
         self._close_line()
         self.draw()
 
-    @_guarded
     def action_help_quit(self) -> None:
         """Ctrl-C, which leaves nothing but what was begun: whoever wants to leave is told how."""
         self.action_leave_mode()
@@ -590,6 +600,7 @@ class OperatorScreen(App[None]):
 
         self._opening = self.push_screen(Overview(self._robots.fleet.overview, self._robot), chosen)
 
+    @_guarded
     def switch(self, name: str) -> None:
         """Go to another robot: all panes show it, and all commands are for it."""
         if self._robots is None or name == self._robot:
@@ -646,6 +657,7 @@ class OperatorScreen(App[None]):
 
     _do_switch = _do_start
 
+    @_guarded
     def _fill_in(self, verb: str, behavior: Behavior) -> None:
         def filled(line: str | None) -> None:
             if line is not None:
@@ -694,7 +706,6 @@ class OperatorScreen(App[None]):
         line.disabled = True
         self.screen_stack[0].set_focus(None)
 
-    @_guarded
     def action_enter_line(self) -> None:
         """A line was typed; it belongs to the decision that was on the screen when it was begun."""
         text = self.query_one('#line', Input).value
@@ -709,7 +720,6 @@ class OperatorScreen(App[None]):
         except ConsoleError as error:
             self._warn(str(error))
 
-    @_guarded
     def action_slash(self) -> None:
         """Type a command, or what is looked for in a recording."""
         self._open_line('/' if self._replay is not None else '')

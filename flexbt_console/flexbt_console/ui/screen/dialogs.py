@@ -78,8 +78,10 @@ class ChoiceList(ModalScreen[int | None]):
         return Text(f'{">" if number == marked else " "} {one_line(self._lines[number])}')
 
     def action_move(self, move: str) -> None:
-        """Move in the list, as it moves by itself."""
-        getattr(self.query_one(OptionList), f'action_{move}')()
+        """Move in the list, as it moves by itself; not by a page while there is no room for any line."""
+        options = self.query_one(OptionList)
+        if options.scrollable_content_region.height > 0:
+            getattr(options, f'action_{move}')()
 
     def action_choose(self) -> None:
         """The line under the cursor."""
