@@ -218,15 +218,13 @@ def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> N
 
 
 def test_what_a_command_says_reaches_the_message() -> None:
-    fields: dict[str, Any] = {field.name: field.name for field in dataclasses.fields(mirror.Command)}
+    numbers = {int: 3, float: 1.5}
+    fields = {field.name: numbers.get(type(field.default), field.name) for field in dataclasses.fields(mirror.Command)}
     fields |= {
         'kind': mirror.CommandKind.NOTE,
-        'autonomy': 3,
-        'wait_queue': 1.5,
-        'wait_interaction': 2.5,
         'arguments': (('a', 'b'),),
+        'inputs': (mirror.InputValue('k', 't', 'x'),),
     }
-    fields['inputs'] = (mirror.InputValue('k', 't', 'x'),)
     sent = command_message(mirror.Command(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
         assert getattr(sent, name) != getattr(msg.ExecutiveCommand(), name), name
