@@ -49,6 +49,7 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import node_executor
+from .parameters import unknown_parameters
 from .ros_clock import RosClock
 
 __all__ = ['NodeRuntime', 'run_node']
@@ -425,6 +426,7 @@ def run_node(
             runtime = NodeRuntime(name, args=args, node_class=node_class)
             runtime.on_failure(wake)
             setup(runtime)
+            runtime.post(partial(_tell_unknown_parameters, runtime.node))
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
@@ -437,6 +439,11 @@ def run_node(
             print(f'{name}: cannot go on: {runtime.health.failure}', file=sys.stderr, flush=True)
         _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
+
+
+def _tell_unknown_parameters(node: Node) -> None:
+    for line in unknown_parameters(node):
+        node.get_logger().warning(line)
 
 
 @contextlib.contextmanager

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -17,9 +17,15 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flexbt_common.errors import UnfitParameterError
+from flexbt_core.values import hint, shown
+
+from .rclpy_private import given_parameters
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
+
+_OF_QOS: Final = 'qos_overrides.'
+"""What the names of those begin with that are declared with a publisher or subscription."""
 
 
 class ParameterDeclarer:
@@ -87,6 +93,14 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
             type = Parameter(name, value=default).type_
             node.declare_parameter(name, type, descriptor, ignore_override=True)
         raise
+
+
+def unknown_parameters(node: Node) -> Iterator[str]:
+    """A line for each parameter that arguments or files have given to a node, and that it has not declared."""
+    known = tuple(node.get_parameters_by_prefix(''))
+    for name in given_parameters(node):
+        if not node.has_parameter(name) and not name.startswith(_OF_QOS):
+            yield f'there is no parameter {shown(name)}, so it is ignored{hint(name, known, "")}'
 
 
 def refuse_while_configured(node: LifecycleNode, parameters: list[Parameter], state: str) -> SetParametersResult:

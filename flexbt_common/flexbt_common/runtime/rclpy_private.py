@@ -35,8 +35,10 @@ __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'EXECUTOR',
+    'PARAMETERS',
     'SWITCH',
     'Use',
+    'given_parameters',
     'is_usable',
     'warnings',
 ]
@@ -128,7 +130,10 @@ ACTION_SERVER: Final = Use(
     'results are sent some turns of the executor later, lists of goals are as long as results are kept, and a goal '
     'that comes before its client has been discovered is not begun',
 )
-_USES: Final = (EXECUTOR, ACTION_CLIENT, ACTION_SERVER)
+PARAMETERS: Final = Use(
+    (Part(Node, '_parameter_overrides'),), 'a parameter that was given and that a node does not have is not told'
+)
+_USES: Final = (EXECUTOR, ACTION_CLIENT, ACTION_SERVER, PARAMETERS)
 
 
 @cache
@@ -309,6 +314,14 @@ class OpenActionServer(ActionServer):
     async def _execute_get_result_request(self, request_header_and_message: Any) -> None:
         request_header, request = request_header_and_message
         self.on_result_request(request_header, bytes(request.goal_id.uuid))
+
+
+# ------------------------------------------------------------------------------------------------------- parameters
+
+
+def given_parameters(node: Node) -> tuple[str, ...]:
+    """Names of the parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
+    return tuple(node._parameter_overrides) if is_usable(PARAMETERS) else ()
 
 
 # -------------------------------------------------------------------------------------------------------- lifecycle

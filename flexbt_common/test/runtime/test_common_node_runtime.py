@@ -239,10 +239,12 @@ def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:
 
 def test_arguments_namespaces_and_parameter_files_work_as_usual(tmp_path: Path) -> None:
     parameters = tmp_path / 'parameters.yaml'
-    parameters.write_text('/**:\n  ros__parameters:\n    speed: 2.5\n')
+    parameters.write_text('/**:\n  ros__parameters:\n    speed: 2.5\n    sped: 3.5\n')
     with start('--ros-args', '-r', '__ns:=/robot1', '--params-file', str(parameters)) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == 'ready /robot1/program 2.5\n'
+        assert process.stderr is not None
+        assert "there is no parameter 'sped', so it is ignored; did you mean 'speed'?" in process.stderr.readline()
         process.terminate()
         process.communicate(timeout=DEADLINE)
         assert process.returncode == 0

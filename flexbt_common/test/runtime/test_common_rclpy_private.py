@@ -18,6 +18,7 @@ from flexbt_common.runtime.rclpy_private import (
     ACTION_CLIENT,
     ACTION_SERVER,
     EXECUTOR,
+    PARAMETERS,
     SWITCH,
     Part,
     Use,
@@ -25,7 +26,12 @@ from flexbt_common.runtime.rclpy_private import (
 )
 
 CASE = Path(__file__).with_name('changed_rclpy.py')
-USES = {'EXECUTOR': EXECUTOR, 'ACTION_CLIENT': ACTION_CLIENT, 'ACTION_SERVER': ACTION_SERVER}
+USES = {
+    'EXECUTOR': EXECUTOR,
+    'ACTION_CLIENT': ACTION_CLIENT,
+    'ACTION_SERVER': ACTION_SERVER,
+    'PARAMETERS': PARAMETERS,
+}
 PARTS = {name: tuple(part for part in use.parts if part.name.startswith('_')) for name, use in USES.items()}
 """Those of Python; the others are members of compiled classes."""
 OF_SEVERAL_CLASSES = ('_handle', '_lock')
