@@ -57,7 +57,9 @@ class Console:
         """
         raise NotImplementedError
 
-    def _wait(self, done: Callable[[], object], what: str) -> None:
+    def wait(self, done: Callable[[], object], what: str) -> None:
+        """Until ``done`` says so. Raises as :meth:`do`."""
+
         def seen() -> object:
             has_ended = self._process.poll() is not None
             if found := done():
@@ -111,7 +113,7 @@ class Screen(Console):
         self._shown = b''
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
-        self._wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
+        self.wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
 
     def _read(self) -> None:
         with contextlib.suppress(OSError):  # the console is gone
@@ -129,7 +131,7 @@ class Screen(Console):
         """As in the base."""
         begin = len(self._shown)
         os.write(self._terminal, self.KEYS[command])
-        self._wait(lambda: f'{command}: applied'.encode() in self._shown[begin:], f'{command} on the screen')
+        self.wait(lambda: f'{command}: applied'.encode() in self._shown[begin:], f'{command} on the screen')
 
 
 class Page(Console):

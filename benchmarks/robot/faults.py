@@ -63,8 +63,11 @@ FLOOD_STOP_SECONDS: Final = 4.0
 BEGIN_SECONDS: Final = 30.0
 """For so long a flood may take to begin."""
 
-AUTHORITY_SECONDS: Final = 5.0
+AUTHORITY_SECONDS: Final = 10.0
 """After which an operator without a console loses the authority."""
+
+AFTER: Final = {'pause': ExecutiveStatus.PAUSED, 'resume': ExecutiveStatus.RUNNING}
+"""The state of the executive after the commands of a console."""
 
 STATES: Final = {
     getattr(ExecutiveStatus, name): name
@@ -201,6 +204,8 @@ def console_trial(stack: Stack, probe: Probe, how: str, name: str, chance: rando
                 last = is_over.is_set()
                 given.append(command)
                 console.do(command)
+                # What a screen draws anew may be an answer from before.
+                console.wait(lambda: probe.status.state == AFTER[command], f'the effect of {command}')  # noqa: B023
                 told.append(command)
                 if last:
                     break

@@ -8,7 +8,6 @@ while a run went on is taken out of them.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.skills import SkillError, SkillMonitor
+from flexbt_core.values import load_json
 
 Event = Mapping[str, Any]
 
@@ -26,6 +26,10 @@ CLOCK_SET_SECONDS: Final = 0.5
 
 _TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'why')
 """Fields of a command that are shown with it."""
+
+_NUMBERS: Final = ('time', 'stamp', 'steady', 'wait_queue', 'wait_interaction')
+_LARGEST: Final = 1e12
+"""s: more than any clock has told."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,8 @@ class RunMetrics:
 
 
 def read_events(files: Iterable[Path]) -> Iterator[Event]:
-    """The events of the files of an event log, the oldest file first. Lines that were cut off are left out.
+    """The events of the files of an event log, the oldest file first. Lines that were cut off, or are no events, are
+    left out.
 
     Raises:
         OSError: a file cannot be read.
@@ -173,11 +178,18 @@ def read_events(files: Iterable[Path]) -> Iterator[Event]:
         with file.open(encoding='utf-8', errors='replace') as lines:
             for line in lines:
                 try:
-                    event = json.loads(line)
-                except ValueError:
+                    event = load_json(line)
+                except (ValueError, RecursionError):
                     continue
-                if isinstance(event, dict) and 'event' in event:
+                if _is_event(event):
                     yield event
+
+
+def _is_event(entry: object) -> bool:
+    if not isinstance(entry, dict) or not isinstance(entry.get('event'), str):
+        return False
+    numbers = [entry[name] for name in _NUMBERS if name in entry]
+    return all(isinstance(one, (int, float)) and abs(one) <= _LARGEST for one in numbers)
 
 
 def metrics_of(events: Iterable[Event], *, wall: bool = False) -> list[RunMetrics]:

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from flexbt_core.skills import Outcome, Skill
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of
+from flexbt_onboard.event_log.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.event_log.run_report import as_json, as_text, main
 from flexbt_onboard.event_log.run_timeline import timeline
 from flexbt_onboard.node import ExecutiveParameters
@@ -305,3 +305,31 @@ def test_an_effect_that_did_not_happen_is_in_the_report(tmp_path: Path, capsys: 
     assert "/Look: /Grab ended by 'done', after which holding was to hold; it does not" in shown
     assert main([str(tmp_path), '--json']) == 0
     assert [one['path'] for one in json.loads(capsys.readouterr().out)['contradictions']] == ['/Look']
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+WORDS = (
+    'executive started resumed skills entered left waiting decided fault command ended time stamp steady run path '
+    'outcome reason by behavior decision kind effect wait_queue wait_interaction operator target autonomy text'
+)
+EVENTS = st.fixed_dictionaries(
+    {'event': st.sampled_from(WORDS.split()) | JSON},
+    optional={word: JSON | st.sampled_from([1.0, 'r', '/A', '/', 'applied']) for word in WORDS.split()},
+)
+
+
+@given(events=st.lists(EVENTS, max_size=12), other=JSON)
+def test_lines_of_any_json_are_events_or_left_out(
+    tmp_path_factory: pytest.TempPathFactory, events: list[Any], other: Any
+) -> None:
+    file = tmp_path_factory.mktemp('log') / 'log.jsonl'
+    lines = [json.dumps(one) for one in ({'event': 'started', 'run': 'r'}, *events, other)]
+    file.write_text('\n'.join([*lines, '[' * 100_000, '{"event": "sta']))
+    for run in metrics_of(read_events([file])):
+        json.dumps(as_json(run), allow_nan=False)
+        parsed(timeline(run))
+        assert as_text(run)

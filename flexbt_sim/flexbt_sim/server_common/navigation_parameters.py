@@ -15,7 +15,7 @@ from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.runtime import ParameterDeclarer
-from flexbt_core.values import hint
+from flexbt_core.values import hint, load_json, shown
 from flexbt_sim.costmaps import Inflation
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.navigation import FollowerLimits
@@ -195,7 +195,7 @@ def _written(corners: Collection[tuple[float, float]]) -> str:
 def _inflation(corners: str, radius: float, *fall: float) -> Inflation:
     """For the footprint of the parameters ``footprint`` and ``robot_radius``. Raises UnfitParameterError."""
     try:
-        polygon = tuple((float(x), float(y)) for x, y in json.loads(corners)) if corners else ()
+        polygon = tuple((float(x), float(y)) for x, y in load_json(corners)) if corners else ()
         return Inflation.of(Polygon(polygon) if polygon else Circle(radius), *fall)
-    except (ValueError, TypeError, SimulationError) as error:
-        raise UnfitParameterError('footprint', f'{corners}: {error}; give [[x, y], ...] in m') from None
+    except (ValueError, TypeError, OverflowError, RecursionError, SimulationError) as error:
+        raise UnfitParameterError('footprint', f'{shown(corners)}: {error}; give [[x, y], ...] in m') from None
