@@ -219,7 +219,9 @@ def test_what_a_message_says_reaches_the_record(message: Any, convert: Any) -> N
 
 def test_what_a_command_says_reaches_the_message() -> None:
     numbers = {int: 3, float: 1.5}
-    fields = {field.name: numbers.get(type(field.default), field.name) for field in dataclasses.fields(mirror.Command)}
+    fields: dict[str, Any] = {
+        field.name: numbers.get(type(field.default), field.name) for field in dataclasses.fields(mirror.Command)
+    }
     fields |= {
         'kind': mirror.CommandKind.NOTE,
         'arguments': (('a', 'b'),),
