@@ -42,7 +42,7 @@ from rclpy.waitable import NumberOfEntities
 from flexbt_core.clock import SteadyClock
 
 from . import rclpy_private
-from .rclpy_private import OpenExecutor, Take
+from .rclpy_private import Later, OpenExecutor, Take
 from .simulated_time import LONGEST_WAIT, ListeningTime, SimulatedTime, is_clock_subscription
 
 __all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
@@ -73,15 +73,20 @@ def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
 
 
 def node_executor(
-    node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
+    node: Node,
+    on_fault: Callable[[Exception], None],
+    on_turn: Callable[[], object] = lambda: None,
+    later: Later = lambda seconds, fn: None,
 ) -> NodeExecutor | StockNodeExecutor:
     """The best executor that this version of rclpy allows.
 
     ``on_fault(error)`` is told what a callback lets escape; the others are called all the same. ``on_turn()`` is called
-    when the wait is over, before any callback (by rclpy's own loop, before the wait).
+    when the wait is over, before any callback (by rclpy's own loop, before the wait). ``later`` is for answers of
+    services that could not be sent; rclpy's own loop does not send them.
     """
-    usable = rclpy_private.is_usable(rclpy_private.EXECUTOR)
-    return (NodeExecutor if usable else StockNodeExecutor)(node, on_fault, on_turn)
+    if rclpy_private.is_usable(rclpy_private.EXECUTOR):
+        return NodeExecutor(node, on_fault, on_turn, later)
+    return StockNodeExecutor(node, on_fault, on_turn)
 
 
 class StockNodeExecutor(SingleThreadedExecutor):
@@ -122,9 +127,14 @@ class NodeExecutor(OpenExecutor):
     """Runs the callbacks of one node, on the thread that calls :meth:`turn`."""
 
     def __init__(
-        self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
+        self,
+        node: Node,
+        on_fault: Callable[[Exception], None],
+        on_turn: Callable[[], object] = lambda: None,
+        later: Later = lambda seconds, fn: None,
     ) -> None:
         super().__init__(context=node.context)
+        self.later = later
         self.simulated_time = SimulatedTime(on_fault)
         self._node = node
         self._on_fault = on_fault

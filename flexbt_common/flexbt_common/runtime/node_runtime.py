@@ -135,7 +135,7 @@ class NodeRuntime:
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
-        self._executor = node_executor(self.node, self._on_escaped, self.health.check_pause)
+        self._executor = node_executor(self.node, self._on_escaped, self.health.check_pause, self._later)
         self.simulated_time = self._executor.simulated_time
         self.listening_time = self._executor.listening_time
         self._doorbell = self.node.create_guard_condition(lambda: None)
@@ -172,6 +172,9 @@ class NodeRuntime:
     def closed(self) -> bool:
         """Whether the end has begun for the executor; what is posted now is dropped."""
         return self._closed.is_set()
+
+    def _later(self, seconds: float, fn: Callable[[], object]) -> None:
+        self.steady.call_at(self.steady.now() + seconds, lambda: self.post(fn))
 
     def post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.

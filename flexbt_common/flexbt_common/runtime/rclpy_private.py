@@ -17,6 +17,7 @@ import os
 from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
 from functools import cache
+from time import monotonic
 from types import FunctionType
 from typing import Any, Final
 
@@ -27,6 +28,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
@@ -108,8 +110,8 @@ EXECUTOR: Final = Use(
         *(Part(_WAIT_SET, member) for member in _WAIT_SET_MEMBERS),
     ),
     'the stock executor takes about 0.15 ms of processor time longer for each callback, is woken by each message of '
-    '/clock, and does not tell who has written a message: floods of commands are not told from those of operators, '
-    'nor names that others use',
+    '/clock, leaves services without an answer to clients that are not discovered yet, and does not tell who has '
+    'written a message: floods of commands are not told from those of operators, ',
 )
 ACTION_CLIENT: Final = Use(
     (Part(ActionClient, '_is_result_response_ready'), Part(ActionClient, '_is_status_ready')),
@@ -159,8 +161,50 @@ Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
 """Takes what has come for an entity; gives the call of its callback, if there is one to be made."""
 
 
+Later = Callable[[float, Callable[[], object]], object]
+"""Calls something after so many seconds of wall time, on the thread of the executor."""
+
+UNSENT_SECONDS: Final = 0.09
+"""To send an answer takes longer than this, s, when it is left unsent: rmw_fastrtps waits 0.1 s for its reader."""
+
+AGAIN_SECONDS: Final = (0.2, 0.5, 1.0, 3.0)
+"""After how long an answer that may be unsent is sent again, s of wall time. A client ignores one that it has."""
+
+
+class InsistentService:
+    """A service as the executor sees it, whose answers are sent until there is somebody to get them.
+
+    A request may come before its client has been discovered as a reader of answers, on a busy computer above all. The
+    middleware then leaves the answer unsent, rclpy tells it by a warning of Python, and clients such as BasicNavigator
+    of nav2_simple_commander wait for ever.
+    """
+
+    def __init__(self, service: Service, later: Later) -> None:
+        self.handle = service.handle
+        self.srv_type = service.srv_type
+        self.callback = service.callback
+        self._service = service
+        self._later = later
+
+    def send_response(self, response: Any, header: Any) -> None:
+        """As that of rclpy, from the thread of the executor."""
+        pauses = iter(AGAIN_SECONDS)
+
+        def send() -> None:
+            began = monotonic()
+            self._service.send_response(response, header)
+            pause = next(pauses, None) if monotonic() - began >= UNSENT_SECONDS else None
+            if pause is not None:
+                self._later(pause, send)
+
+        send()
+
+
 class OpenExecutor(SingleThreadedExecutor):
     """rclpy's executor, with what a loop of one's own beside rclpy's needs. EXECUTOR is to be usable."""
+
+    later: Later
+    """How answers are sent once more."""
 
     def takes(self) -> dict[str, Take]:
         """How what has come is taken, for each kind of entity as wait sets name it; waitables are 'waitable'."""
@@ -194,6 +238,12 @@ class OpenExecutor(SingleThreadedExecutor):
             take_all(subscription)
 
         return execute
+
+    def _take_service(self, service: Service) -> Callable[[], Coroutine[Any, Any, None]] | None:
+        taken: Callable[[], Coroutine[Any, Any, None]] | None = super()._take_service(
+            InsistentService(service, self.later)
+        )
+        return taken
 
     def on_handler(self, task: Task) -> None:
         """rclpy's own loop has made ``task`` to call the callback of an entity; it may await something."""
