@@ -1032,7 +1032,7 @@ def wild(chance: random.Random, kind: Any) -> Any:
         return tuple(wild(chance, one) for one in inner)
     if inner:  # or None
         return wild(chance, chance.choice(inner))
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return kind(**{name: wild(chance, one) for name, one in get_type_hints(kind).items()})
     if issubclass(kind, IntEnum):
         return chance.choice(list(kind))
