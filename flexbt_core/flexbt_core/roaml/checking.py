@@ -19,7 +19,7 @@ from .paths import Order, Path
 from .properties import Property, judge_of
 from .random_runs import bounds_of, looks
 from .rounds import SATISFIED, EndlessError, Flow, Outcomes, OverError, Rounds
-from .system import NANOSECONDS, State, Step, one_of
+from .system import NANOSECONDS, GlobalState, Step, one_of
 
 _CHAIN: Final = 2_000
 """Steps without a choice that are made as one."""
@@ -206,11 +206,11 @@ class _Explorer:
         self._most = most
         self._tell = tell
         self.graph: list[Choices] = [[], []]
-        self._numbers: dict[tuple[State, int], int] = {}
-        self._states: list[tuple[State, int] | None] = [None, None]
+        self._numbers: dict[tuple[GlobalState, int], int] = {}
+        self._states: list[tuple[GlobalState, int] | None] = [None, None]
         self._from: list[int] = [-1, -1]
-        self._ends: dict[int, tuple[State, int]] = {}
-        self._fails: tuple[int, State, int] | None = None
+        self._ends: dict[int, tuple[GlobalState, int]] = {}
+        self._fails: tuple[int, GlobalState, int] | None = None
         self._stuck = ''
         self._made = 0
         self._is_late = False
@@ -251,7 +251,7 @@ class _Explorer:
             self._is_late = self._tell(len(self.graph), left) >= self._until
         return self._is_late
 
-    def _reached(self, source: int, state: State, count: int, ahead: deque[int]) -> int:
+    def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
         """The number of the next state at which there is a choice."""
         path = self._path
         seen = None
@@ -289,7 +289,7 @@ class _Explorer:
             ahead.append(number)
         return number
 
-    def _ended(self, source: int, state: State, count: int, is_good: bool) -> int:
+    def _ended(self, source: int, state: GlobalState, count: int, is_good: bool) -> int:
         if is_good == self._path.asked.is_negated and self._fails is None:
             self._fails = (source, state, count)
         return GOOD if is_good else BAD
@@ -325,7 +325,7 @@ class _Explorer:
                 opened[number] = [[(1.0, GOOD)]]
         return low, reach(opened, is_least)[-1]
 
-    def _narrated(self, source: int, goal: State, count: int) -> tuple[str, ...]:
+    def _narrated(self, source: int, goal: GlobalState, count: int) -> tuple[str, ...]:
         """The way to where it has failed, in words: from choice to choice, and the steps in between."""
         numbers = []
         while source >= 0:
@@ -347,7 +347,7 @@ class _Explorer:
             at = wanted
         return tuple(found)
 
-    def _leads(self, state: State, goal: State) -> list[tuple[State, Step, State]] | None:
+    def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, Step, GlobalState]] | None:
         """The steps from a choice to the next one; None when it does not lead there."""
         if state == goal:
             return []
@@ -473,7 +473,7 @@ class _StepRuns:
     def __init__(self, path: Path, generator: random.Random) -> None:
         self._path = path
         self._random = generator
-        self._made: list[tuple[State, Step, State]] = []
+        self._made: list[tuple[GlobalState, Step, GlobalState]] = []
         self.steps = 0
 
     def one(self, may_go_on: Callable[[], bool]) -> bool | None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from enum import Enum
 
 from .properties import Judge, Property
-from .system import ModelSystem, State, Step
+from .system import GlobalState, ModelSystem, Step
 
 
 class Order(Enum):
@@ -31,11 +31,11 @@ class Path:
         self._right = right
         self.is_bounded = asked.lower > 0 or asked.upper is not None
 
-    def steps(self, state: State) -> list[Step]:
+    def steps(self, state: GlobalState) -> list[Step]:
         """What can happen now, by the order."""
         return self.system.steps(state, first_only=self.order is Order.TURNS)
 
-    def decided(self, state: State, count: int) -> bool | None:
+    def decided(self, state: GlobalState, count: int) -> bool | None:
         """Whether the path is satisfied or not any more; None: it goes on. ``count``: steps up to now."""
         asked = self.asked
         if asked.upper is not None and count > asked.upper:
@@ -44,6 +44,6 @@ class Path:
             return True
         return None if self._left(state.seen) else False
 
-    def at_end(self, state: State) -> bool:
+    def at_end(self, state: GlobalState) -> bool:
         """Whether a path that does not go on is satisfied: it stays as it is for ever."""
         return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from flexbt_core.roaml.language import ManyValuesError
 
 from .paths import Path
-from .system import State, Step
+from .system import GlobalState, Step
 
 SATISFIED: Final = -1
 FAILED: Final = -2
@@ -26,7 +26,7 @@ _BETWEEN_QUESTIONS: Final = 1_000
 
 Outcomes = list[tuple[float, int]]
 """Probabilities, and numbers of states, SATISFIED or FAILED."""
-Made = tuple[State, Step, State]
+Made = tuple[GlobalState, Step, GlobalState]
 
 
 class EndlessError(Exception):
@@ -56,8 +56,8 @@ class Rounds:
         self._most = most
         self._made = 0
         self._question = _BETWEEN_QUESTIONS
-        self._states: list[State] = []
-        self._numbers: dict[State, int] = {}
+        self._states: list[GlobalState] = []
+        self._numbers: dict[GlobalState, int] = {}
         self._known: dict[tuple[int, tuple[int, ...]], Outcomes] = {}
         self.stuck = ''
         self.is_cut = False
@@ -85,14 +85,14 @@ class Rounds:
         """SATISFIED or FAILED, when time is over."""
         return SATISFIED if self._path.at_end(self._states[number]) else FAILED
 
-    def _begun(self, number: int, time: int) -> State:
+    def _begun(self, number: int, time: int) -> GlobalState:
         return self._states[number]._replace(time=time, due=0)
 
-    def _played(self, ahead: dict[State, float], may_go_on: Callable[[], bool]) -> Outcomes:
+    def _played(self, ahead: dict[GlobalState, float], may_go_on: Callable[[], bool]) -> Outcomes:
         found: dict[int, float] = {}
         before = self._made
         for _ in range(_STEPS):
-            then: dict[State, float] = {}
+            then: dict[GlobalState, float] = {}
             for state, whole in ahead.items():
                 outcome, steps = self._decided(state)
                 if outcome is not None:
@@ -118,7 +118,7 @@ class Rounds:
             ahead = then
         raise EndlessError
 
-    def _decided(self, state: State) -> tuple[int | None, list[Step]]:
+    def _decided(self, state: GlobalState) -> tuple[int | None, list[Step]]:
         """Where a step leads to at last, when that is known; otherwise what can follow."""
         path = self._path
         decided = path.decided(state, 0)
@@ -130,7 +130,7 @@ class Rounds:
         if not steps and path.system.is_blocked(state):
             self.stuck = self.stuck or path.system.waiting(state)
             return (SATISFIED if path.at_end(state) else FAILED), []
-        rest = State(0, -1, state.locals, (), state.tree, state.seen, 0)
+        rest = GlobalState(0, -1, state.locals, (), state.tree, state.seen, 0)
         number = self._numbers.get(rest)
         if number is None:
             number = self._numbers[rest] = len(self._states)
@@ -141,7 +141,7 @@ class Rounds:
         """The steps of the shortest way through one round to where it leads; ``number`` None: from the beginning."""
         path = self._path
         begins = [state for _, state in path.system.initial()] if number is None else [self._begun(number, time)]
-        come: dict[State, Made | None] = dict.fromkeys(begins)
+        come: dict[GlobalState, Made | None] = dict.fromkeys(begins)
         ahead = list(begins)
         for state in ahead:
             outcome, steps = self._decided(state)
@@ -160,8 +160,8 @@ class Rounds:
         return []
 
 
-def _merged(followers: list[tuple[float, State]]) -> list[tuple[State, float]]:
-    found: dict[State, float] = {}
+def _merged(followers: list[tuple[float, GlobalState]]) -> list[tuple[GlobalState, float]]:
+    found: dict[GlobalState, float] = {}
     for probability, state in followers:
         found[state] = found.get(state, 0.0) + probability
     return list(found.items())

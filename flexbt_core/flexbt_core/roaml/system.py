@@ -21,7 +21,7 @@ from flexbt_core.roaml.language import (
     Draws,
     EnumeratedDraws,
     Events,
-    Local,
+    LocalState,
     ManyValuesError,
     ModelFault,
     SampledDraws,
@@ -49,14 +49,14 @@ class Clocked(NamedTuple):
     event: int | None
 
 
-class State(NamedTuple):
+class GlobalState(NamedTuple):
     """``slots``: events under way, the oldest first. ``tree``: the number of its situation, and whether what is pending
     was sent. ``seen``: of the events that are watched, what was sent last; None: nothing. ``time`` in ns; ``due``:
     which of the timers of this time is next. ``last``: who has made the last step, plus 1."""
 
     time: int
     due: int
-    locals: tuple[Local, ...]
+    locals: tuple[LocalState, ...]
     slots: tuple[tuple[int, tuple[Any, ...]], ...]
     tree: tuple[int, bool]
     seen: tuple[tuple[Any, ...] | None, ...]
@@ -72,7 +72,7 @@ class Step(NamedTuple):
     values: tuple[Any, ...] = ()
 
 
-Followers = list[tuple[float, State]]
+Followers = list[tuple[float, GlobalState]]
 
 
 def period_of(rate: float) -> int:
@@ -137,7 +137,7 @@ class ModelSystem:
 
     def initial(self) -> Followers:
         """What the automata do at first. Raises ModelFault."""
-        blank = State(0, -1, (), (), (self._first, False), (None,) * len(self._places), 0)
+        blank = GlobalState(0, -1, (), (), (self._first, False), (None,) * len(self._places), 0)
         each = [
             self._all(number, lambda one=one: one.begin(self._around(one, blank)))  # type: ignore[misc]
             for number, one in enumerate(self.automata)
@@ -148,7 +148,7 @@ class ModelSystem:
             for combined in product(*each)
         ]
 
-    def _around(self, automaton: Automaton, state: State) -> Around:
+    def _around(self, automaton: Automaton, state: GlobalState) -> Around:
         inputs: Mapping[str, Any] | None = None
         if automaton.uid and self.tree is not None:
             inputs = self.tree[state.tree[0]].inputs.get(automaton.uid)
@@ -176,7 +176,7 @@ class ModelSystem:
 
     # -- steps -------------------------------------------------------------------------------------------------------
 
-    def steps(self, state: State, *, first_only: bool) -> list[Step]:
+    def steps(self, state: GlobalState, *, first_only: bool) -> list[Step]:
         """What can happen now; nothing when that is the end. ``first_only``: only what is next when each takes its
         turn: what is under way is delivered, oldest first; then who has waited longest goes on."""
         found: list[Step] = []
@@ -202,7 +202,7 @@ class ModelSystem:
             return [] if later is None else [later]
         return found
 
-    def _is_deliverable(self, event: int, state: State) -> bool:
+    def _is_deliverable(self, event: int, state: GlobalState) -> bool:
         waits = self._waits[event]
         for number in self._receivers[event]:
             local = state.locals[number]
@@ -213,7 +213,7 @@ class ModelSystem:
             return state.tree[1] and event in self.tree[state.tree[0]].accepts
         return True
 
-    def _due(self, number: int, state: State, busy: set[int]) -> Step | None:
+    def _due(self, number: int, state: GlobalState, busy: set[int]) -> Step | None:
         if number == len(self.automata):
             assert self.tree is not None
             pending = self.tree[state.tree[0]].pending
@@ -225,7 +225,7 @@ class ModelSystem:
             return None if due.event in busy else Step('send', number, due.event)
         return Step('write', number)
 
-    def _by_time(self, state: State) -> Step | None:
+    def _by_time(self, state: GlobalState) -> Step | None:
         if state.slots or not self._timers or any(local.at >= 0 for local in state.locals):
             return None
         due = self._due_at(state.time)
@@ -267,7 +267,7 @@ class ModelSystem:
         """Which timers are due at a time."""
         return tuple(self._due_at(time))
 
-    def is_blocked(self, state: State) -> bool:
+    def is_blocked(self, state: GlobalState) -> bool:
         """Whether time cannot go on: something waits, or the tree has ended."""
         if state.slots or 0 <= state.due < len(self._due_at(state.time)):
             return True
@@ -276,7 +276,7 @@ class ModelSystem:
     def _due_at(self, time: int) -> list[int]:
         return [number for number, timer in enumerate(self._timers) if time % timer.period == 0]
 
-    def follow(self, state: State, step: Step) -> Followers:
+    def follow(self, state: GlobalState, step: Step) -> Followers:
         """What a step leads to, with probabilities. Raises ModelFault."""
         kind = step.kind
         if kind == 'deliver':
@@ -305,7 +305,7 @@ class ModelSystem:
     def _is_received(self, event: int) -> bool:
         return bool(self._receivers[event]) or event in self._of_tree
 
-    def _put(self, state: State, event: int, values: tuple[Any, ...]) -> State:
+    def _put(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> GlobalState:
         """An event is under way, unless nobody receives it."""
         place = self._places.get(event)
         if place is not None:
@@ -314,14 +314,14 @@ class ModelSystem:
             state = state._replace(slots=(*state.slots, (event, values)))
         return state
 
-    def _note(self, state: State, seen: Seen) -> State:
+    def _note(self, state: GlobalState, seen: Seen) -> GlobalState:
         for event, values in seen:
             place = self._places.get(event)
             if place is not None:
                 state = state._replace(seen=(*state.seen[:place], values, *state.seen[place + 1 :]))
         return state
 
-    def _go_on(self, state: State, step: Step) -> Followers:
+    def _go_on(self, state: GlobalState, step: Step) -> Followers:
         number = step.subject
         automaton = self.automata[number]
         local = state.locals[number]
@@ -329,7 +329,9 @@ class ModelSystem:
         assert due is not None
         return self._all(number, lambda: self._gone_on(state, number, automaton, local, due))
 
-    def _gone_on(self, state: State, number: int, automaton: Automaton, local: Local, due: Send | Write) -> Followers:
+    def _gone_on(
+        self, state: GlobalState, number: int, automaton: Automaton, local: LocalState, due: Send | Write
+    ) -> Followers:
         values = automaton.values(local, due, self._around(automaton, state))
         if isinstance(due, Send):
             state = self._put(state, due.event, values)
@@ -346,7 +348,7 @@ class ModelSystem:
             for part, after in branches
         ]
 
-    def _deliver(self, state: State, step: Step) -> Followers:
+    def _deliver(self, state: GlobalState, step: Step) -> Followers:
         event = step.event
         assert event is not None
         state = state._replace(slots=(*state.slots[: step.subject], *state.slots[step.subject + 1 :]), last=0)
@@ -359,7 +361,7 @@ class ModelSystem:
             state = self._note(state._replace(tree=(after, False)), seen)
         return self._taken(state, event, step.values)
 
-    def _taken(self, state: State, event: int, values: tuple[Any, ...]) -> Followers:
+    def _taken(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> Followers:
         """All receivers take an event."""
         found = [(1.0, state)]
         for number in self._receivers[event]:
@@ -385,7 +387,7 @@ class ModelSystem:
 
     # -- in words ----------------------------------------------------------------------------------------------------
 
-    def narrate(self, state: State, step: Step, after: State) -> Iterator[str]:
+    def narrate(self, state: GlobalState, step: Step, after: GlobalState) -> Iterator[str]:
         """What a step is, in words; what nobody would ask for is left out."""
         if step.kind == 'ask':
             assert self.tree is not None and step.event is not None
@@ -412,7 +414,7 @@ class ModelSystem:
         """Whether an automaton only hands on what clients and servers say."""
         return self.automata[number].name.startswith(('srv_handler_', 'action_handler_'))
 
-    def _told(self, state: State, number: int, after: State) -> Iterator[str]:
+    def _told(self, state: GlobalState, number: int, after: GlobalState) -> Iterator[str]:
         automaton = self.automata[number]
         local = state.locals[number]
         due = automaton.due(local)
@@ -437,7 +439,7 @@ class ModelSystem:
         shown = ', '.join(f'{name.removeprefix(FIELD)} {value!r}' for name, value in carried)
         yield f'{who} sends {event}{f" ({shown})" if shown else ""}'
 
-    def waiting(self, state: State) -> str:
+    def waiting(self, state: GlobalState) -> str:
         """Why nothing can happen any more, when that is not the end of the time or of the tree; ''."""
         found = []
         for event, _ in state.slots:

@@ -2,7 +2,7 @@
 """ASCXML, the language of the automata of a model: its files, expressions, types of data and events."""
 
 from .ascxml import Ascxml, Communication, Instance, is_pointer, ports_of
-from .automaton import Action, Around, Automaton, Branches, Local, Send, State, Target, Transition, Write
+from .automaton import Action, Around, Automaton, Branches, LocalState, Send, State, Target, Transition, Write
 from .data_types import DataType, DataTypeError, DataTypes
 from .draws import Draws, EnumeratedDraws, ManyValuesError, SampledDraws
 from .events import FIELD, SET, TIMER, Events, bt_event, is_waited_for
@@ -45,7 +45,7 @@ __all__ = [
     'ExpressionError',
     'Instance',
     'Literal',
-    'Local',
+    'LocalState',
     'ManyValuesError',
     'ModelError',
     'ModelFault',

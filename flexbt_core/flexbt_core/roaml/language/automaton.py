@@ -94,7 +94,7 @@ class State:
 # -- as it runs ------------------------------------------------------------------------------------------------------
 
 
-class Local(NamedTuple):
+class LocalState(NamedTuple):
     """Where an automaton is: ``at`` is a state when it is negative (``-1 - number``), otherwise the address of a
     sending or writing that is due. ``event`` has the parameters of the event at hand, as long as its body goes on."""
 
@@ -125,7 +125,7 @@ class Around(NamedTuple):
 
 
 _Code = Assign | Send | Write | _Jump | _Unless | _Enter
-Branches = list[tuple[float, Local]]
+Branches = list[tuple[float, LocalState]]
 
 
 class Automaton:
@@ -170,7 +170,7 @@ class Automaton:
                     handlers.setdefault(transition.event, []).append(row)
             self._free.append(free)
             self._by_event.append(handlers)
-        self.start = Local(self._block(by_name[initial].entry, initial), tuple(value for _, value in data), ())
+        self.start = LocalState(self._block(by_name[initial].entry, initial), tuple(value for _, value in data), ())
         self.received = frozenset(event for handlers in self._by_event for event in handlers)
 
     def _block(self, body: Sequence[Action], state: str) -> int:
@@ -197,27 +197,27 @@ class Automaton:
             for end in ends:
                 code[end] = _Jump(len(code))
 
-    def due(self, local: Local) -> Send | Write | None:
+    def due(self, local: LocalState) -> Send | Write | None:
         """The sending or writing that is due; None when it rests in a state."""
         return None if local.at < 0 else self._code[local.at]  # type: ignore[return-value]
 
-    def state_of(self, local: Local) -> str:
+    def state_of(self, local: LocalState) -> str:
         """The state in which it rests; '' while it does not."""
         return self.states[-1 - local.at] if local.at < 0 else ''
 
-    def handles(self, local: Local, event: int) -> bool:
+    def handles(self, local: LocalState, event: int) -> bool:
         """Whether the state in which it rests has a transition for an event, whatever its condition."""
         return local.at < 0 and event in self._by_event[-1 - local.at]
 
-    def take(self, local: Local, event: int, values: tuple[Any, ...], around: Around) -> Branches:
+    def take(self, local: LocalState, event: int, values: tuple[Any, ...], around: Around) -> Branches:
         """What follows when it is given an event in the state in which it rests; it stays there when it takes no
         transition. Raises ModelFault."""
         for condition, targets, place in self._by_event[-1 - local.at].get(event, ()):
             if condition is None or self._value(condition, local.data, values, around, place):
-                return self._run([(p, Local(address, local.data, values)) for p, address in targets], around)
+                return self._run([(p, LocalState(address, local.data, values)) for p, address in targets], around)
         return [(1.0, local)]
 
-    def go_on(self, local: Local, around: Around) -> Branches:
+    def go_on(self, local: LocalState, around: Around) -> Branches:
         """What follows when what is due was done. Raises ModelFault."""
         return self._run([(1.0, local._replace(at=local.at + 1))], around)
 
@@ -243,7 +243,7 @@ class Automaton:
                     data = self._assigned(action, data, event, around)  # type: ignore[arg-type]
                     at += 1
                 elif kind is Send or kind is Write:
-                    found.append((probability, Local(at, data, event)))
+                    found.append((probability, LocalState(at, data, event)))
                     break
                 elif kind is _Unless:
                     condition, address, place = action  # type: ignore[misc]
@@ -255,10 +255,10 @@ class Automaton:
                     event = ()
                     targets = self._next(state, data, around)
                     if targets is None:
-                        found.append((probability, Local(-1 - state, data, ())))
+                        found.append((probability, LocalState(-1 - state, data, ())))
                         break
                     for part, address in targets[1:]:
-                        ahead.append((probability * part, Local(address, data, ())))
+                        ahead.append((probability * part, LocalState(address, data, ())))
                     probability *= targets[0][0]
                     at = targets[0][1]
         return found
@@ -269,7 +269,7 @@ class Automaton:
                 return targets
         return None
 
-    def values(self, local: Local, due: Send | Write, around: Around) -> tuple[Any, ...]:
+    def values(self, local: LocalState, due: Send | Write, around: Around) -> tuple[Any, ...]:
         """The parameters of what is due, or the value that is written. Raises ModelFault."""
         functions = due.values if isinstance(due, Send) else (due.value,)
         return tuple(
