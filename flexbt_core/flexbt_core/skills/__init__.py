@@ -12,8 +12,8 @@ Planning, synthesis, proof, checks and the reference pages all read it. Nothing 
 from typing import TYPE_CHECKING, Any
 
 from .errors import SkillError
-from .grounding import GroundAction, GroundProblem, argument_texts, clashes, ground
-from .library import ANYTHING, SkillLibrary
+from .grounding import GroundAction, GroundProblem, argument_texts, ground
+from .library import ANYTHING, SkillLibrary, clashes
 from .literals import (
     EQUAL,
     BlackboardSensor,

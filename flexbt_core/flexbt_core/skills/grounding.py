@@ -61,18 +61,6 @@ def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
     return Grounding(library, start, goal).problem()
 
 
-def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tuple[Literal, Literal]]:
-    """Those that cannot hold at once, since their predicate is exclusive in a parameter."""
-    first: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Literal] = {}
-    for one in literals:
-        predicate = library.predicates.get(one.predicate)
-        if one.positive and predicate is not None and predicate.exclusive is not None:
-            place = list(predicate.parameters).index(predicate.exclusive)
-            other = first.setdefault((one.predicate, one.arguments[:place], one.arguments[place + 1 :]), one)
-            if other != one:
-                yield other, one
-
-
 def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> None:
     said = {'start': start, 'goal': goal}
     asked = [Skill(where, preconditions=tuple(literals)) for where, literals in said.items()]

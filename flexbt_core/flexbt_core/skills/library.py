@@ -127,6 +127,7 @@ class SkillLibrary(Immutable):
             yield from self._of_arguments(skill, (*at, 'arguments'))
             for literal in skill.preconditions:
                 yield from self._of_literal(literal, skill, (*at, 'preconditions'))
+            yield from (((*at, 'preconditions'), problem) for problem in self._at_once(skill))
             for name, outcome in skill.outcomes.items():
                 for literal in outcome.effects:
                     where = (*at, 'outcomes', name)
@@ -153,6 +154,20 @@ class SkillLibrary(Immutable):
                 if name not in skill.parameters:
                     yield (*at, port), f'${name} in {shown(text)} is no parameter of the skill{_of(skill.parameters)}'
 
+    def _at_once(self, skill: Skill) -> Iterator[str]:
+        """Preconditions that cannot hold at once: of a predicate that is exclusive, for what is not the same."""
+        different = {
+            frozenset(one.arguments) for one in skill.preconditions if one.predicate == EQUAL and not one.positive
+        }
+        for one, other in clashes(self, skill.preconditions):
+            both = zip(one.arguments, other.arguments, strict=False)
+            pair = frozenset(name for names in both if names[0] != names[1] for name in names)
+            if pair and (pair in different or pair.isdisjoint(skill.parameters)):
+                yield (
+                    f'{one} and {other} cannot hold at once ({one.predicate} is exclusive), so it is never done; '
+                    'leave out one of them'
+                )
+
     def _of_literal(self, literal: Literal, skill: Skill, at: At) -> Iterator[tuple[At, str]]:
         if literal.predicate == EQUAL:
             wanted: list[str] = [ANYTHING, ANYTHING]
@@ -173,6 +188,18 @@ class SkillLibrary(Immutable):
                 yield at, f'{literal}: {shown(argument)} is {what}{hint(argument, known)}'
             elif not self.is_kind_of(own, kind):
                 yield at, f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
+
+
+def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tuple[Literal, Literal]]:
+    """Those that cannot hold at once, since their predicate is exclusive in a parameter."""
+    first: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Literal] = {}
+    for one in literals:
+        predicate = library.predicates.get(one.predicate)
+        if one.positive and predicate is not None and predicate.exclusive in predicate.parameters:
+            place = list(predicate.parameters).index(predicate.exclusive)
+            other = first.setdefault((one.predicate, one.arguments[:place], one.arguments[place + 1 :]), one)
+            if other != one:
+                yield other, one
 
 
 def _declare(known: dict[str, Predicate], predicate: Predicate, at: At, problems: list[tuple[At, str]]) -> None:

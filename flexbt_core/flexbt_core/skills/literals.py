@@ -18,7 +18,7 @@ EQUAL: Final = '='
 """The predicate that every library has: two arguments mean the same object."""
 
 _NAME: Final = r'[A-Za-z_][A-Za-z0-9_]*'
-_TERM: Final = r'[A-Za-z0-9_][A-Za-z0-9_.:/@-]*'
+_TERM: Final = r'\w[\w.:/@-]*'
 _LITERAL: Final = re.compile(rf'\s*(not\s+|!\s*)?({_NAME})\s*(?:\(([^()]*)\))?\s*')
 _EQUALITY: Final = re.compile(rf'\s*({_TERM})\s*(!=|=)\s*({_TERM})\s*')
 _LONGEST: Final = 1000

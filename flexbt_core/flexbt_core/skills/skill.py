@@ -238,23 +238,31 @@ class Skill(Immutable):
     def problems(self) -> list[tuple[tuple[str, ...], str]]:
         """What is wrong with it, taken by itself: where in the manifest, and what."""
         found: list[tuple[tuple[str, ...], str]] = []
-        for name, number in {'cost': self.cost, 'deadline': self.deadline}.items():
-            if number is not None and not (math.isfinite(number) and number >= 0.0):
-                found.append(((name,), f'{shown(number)} has to be a number from 0 on'))
+        if not (math.isfinite(self.cost) and self.cost >= 0.0):
+            found.append((('cost',), f'{shown(self.cost)} has to be a number from 0 on'))
+        if self.deadline is not None and not (math.isfinite(self.deadline) and self.deadline > 0.0):
+            found.append((('deadline',), f'{shown(self.deadline)} has to be a time above 0, s; leave it out for never'))
         least, most = self.duration
         if not (math.isfinite(least) and least >= 0.0 and (most is None or least <= most)):
             found.append((('duration',), f'[{least}, {most}] has to be a least and a greatest time, s'))
         if self.retries is not None and self.retries < 0:
             found.append((('retries',), f'{shown(self.retries)} has to be a number from 0 on'))
+        found += [
+            (('preconditions',), f'asks for {one} and {~one}, so it is never done; leave out one of them')
+            for one in _contradictions(self.preconditions)
+        ]
         for name, outcome in self.outcomes.items():
-            both = {effect.atom for effect in outcome.effects if effect.positive} & {
-                effect.atom for effect in outcome.effects if not effect.positive
-            }
             found += [
-                (('outcomes', name), f'has {one} and not {one} as effects; leave out one of them')
-                for one in sorted(map(str, both))
+                (('outcomes', name), f'has {one} and {~one} as effects; leave out one of them')
+                for one in _contradictions(outcome.effects)
             ]
         return found
+
+
+def _contradictions(literals: Iterable[Literal]) -> list[Literal]:
+    """The atoms that are to hold, and not to."""
+    said = set(literals)
+    return sorted((one for one in said if one.positive and ~one in said), key=str)
 
 
 def _outcome(name: str, given: Outcome | OutcomeClass | str | Iterable[str | Literal]) -> Outcome:

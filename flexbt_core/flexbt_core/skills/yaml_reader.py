@@ -147,7 +147,10 @@ class _Reader(YamlParts):
     def _outcome(self, name: str, node: yaml.Node, what: str) -> Outcome:
         usual = class_of(name)
         if isinstance(node, yaml.ScalarNode):
-            return Outcome(self._class(node, what))
+            if '(' not in node.value:
+                return Outcome(self._class(node, what))
+            self.problem(node, f'{what}: effects are a list; write [{excerpt(node.value)}]')
+            return Outcome(usual)
         if isinstance(node, yaml.SequenceNode):
             return Outcome(usual or OutcomeClass.COMPLETED, self.literals(node, f'effects of {what}'))
         entries = self.mapping(node, what)

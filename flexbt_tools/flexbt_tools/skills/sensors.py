@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from string import Template
 
-from flexbt_core.behavior_tree import NodeRegistry
-from flexbt_core.skills import ConditionSensor, SkillLibrary
+from flexbt_core.behavior_tree import NodeRegistry, ScriptError
+from flexbt_core.behavior_tree.script import parse_script
+from flexbt_core.skills import ConditionSensor, Predicate, SkillLibrary
 from flexbt_core.values import hint, shown
 
 
@@ -28,9 +29,18 @@ def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegis
             if sensor.id not in registry and sensor.id not in library.skills:
                 near = hint(sensor.id, conditions)
                 yield f'sensor of predicate {predicate.name}: there is no leaf {shown(sensor.id)}{near}'
+        else:
+            yield from _wrong_script(predicate, sensor.test)
     for skill in library.skills.values():
         if skill != base.skills.get(skill.name):
             yield from _unknown_ports(skill.name, skill.arguments, registry, f'arguments of skill {skill.name}')
+
+
+def _wrong_script(predicate: Predicate, test: str) -> Iterator[str]:
+    try:
+        parse_script(Template(test).safe_substitute(dict.fromkeys(predicate.parameters, 'x')))
+    except ScriptError as error:
+        yield f'sensor of predicate {predicate.name}: {shown(test)} is no script: {error}'
 
 
 def unreached_ports(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:

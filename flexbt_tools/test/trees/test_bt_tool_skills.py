@@ -78,6 +78,8 @@ predicates:
   close: {parameters: {goal: pose}, sensor: {condition: GoalReachd, ports: {goal: $goal}}}
   free: {parameters: {pose: pose}, sensor: {condition: CheckPoseOccupancy, ports: {pos: $pose}}}
   open: {}
+  charged: {parameters: {of: robot}, sensor: {blackboard: 'level_$of >'}}
+  full: {parameters: {of: robot}, sensor: {blackboard: "level_$of > 0.9 && of != '$of'"}}
   mine: {sensor: {condition: Mine}}
 skills:
   NavigateToPose: {arguments: {gaol: '{$goal}'}}
@@ -89,6 +91,8 @@ skills:
         "warning: sensor of predicate close: there is no leaf 'GoalReachd'; did you mean 'GoalReached'?",
         "warning: sensor of predicate free: CheckPoseOccupancy has no port 'pos'; did you mean 'pose'?",
         'warning: predicate open has no sensor: it is only remembered, so no tree can test it',
+        "warning: sensor of predicate charged: 'level_$of >' is no script: a value is missing here: a number, a name "
+        'or a text; found the end of the script (column 10 of the script [level_x >])',
         "warning: arguments of skill NavigateToPose: NavigateToPose has no port 'gaol'; did you mean 'goal'?",
     ]
     assert tool('skills').err == ''
