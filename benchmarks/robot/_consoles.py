@@ -152,18 +152,27 @@ class Page(Console):
         await self._socket.send_json({'hello': None})
         await self._until(lambda content: content.get('parts', {}).get('link', {}).get('state') == 'live')
 
-    async def _until(self, done: Callable[[dict[str, Any]], object]) -> None:
+    async def _until(self, done: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
         async with asyncio.timeout(DEADLINE):
             while True:
                 message = await self._socket.receive()
                 if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
                     raise ConsoleEndedError(str(message.type))
-                if message.type is WSMsgType.TEXT and done(message.json()):
-                    return
+                if message.type is WSMsgType.TEXT and done(content := message.json()):
+                    return dict(content)
 
     async def _do(self, command: str) -> None:
-        await self._socket.send_json({'do': command, 'decision': None})
-        await self._until(lambda content: f'{command}: applied' in content.get('told', {}).get('text', ''))
+        answer, unsent = f'{command}: applied', 'nothing was sent'  # as after a stop, whose picture is old
+        told = unsent
+        while unsent in told:
+            await self._socket.send_json({'do': command, 'decision': None})
+            content = await self._until(lambda content: self._words(content, answer, unsent))
+            told = content['told']['text']
+
+    @staticmethod
+    def _words(content: dict[str, Any], *words: str) -> set[str]:
+        text = content.get('told', {}).get('text', '')
+        return {word for word in words if word in text}
 
     def do(self, command: str) -> None:
         """As in the base."""

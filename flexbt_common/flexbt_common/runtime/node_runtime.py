@@ -32,6 +32,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -49,7 +50,7 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import node_executor
-from .parameters import unknown_parameters
+from .parameters import refusing_unknown_types, unknown_parameters
 from .ros_clock import RosClock
 
 __all__ = ['NodeRuntime', 'run_node']
@@ -76,11 +77,18 @@ _FAULT_PAUSE_SECONDS = 0.05
 
 
 class DeepNode(Node):
-    """A node whose services have the depth of :func:`flexbt_common.names.deep_services` where no other is given."""
+    """A node whose services have the depth of :func:`flexbt_common.names.deep_services` where no other is given, and
+    answer whatever parameters are to be set."""
 
-    def create_service(self, *args: Any, qos_profile: QoSProfile | None = None, **options: Any) -> Any:
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Any, *, qos_profile: QoSProfile | None = None, **options: Any
+    ) -> Any:
         """See :meth:`rclpy.node.Node.create_service`."""
-        return super().create_service(*args, qos_profile=qos_profile or deep_services(), **options)
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = refusing_unknown_types(callback)
+        return super().create_service(
+            srv_type, srv_name, callback, qos_profile=qos_profile or deep_services(), **options
+        )
 
 
 class NodeRuntime:

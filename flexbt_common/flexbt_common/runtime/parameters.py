@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -23,6 +24,8 @@ from .rclpy_private import given_parameters
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
+
+_TYPES: Final = frozenset(type.value for type in Parameter.Type)
 
 _OF_QOS: Final = 'qos_overrides.'
 """What the names of those begin with that are declared with a publisher or subscription."""
@@ -93,6 +96,25 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
             type = Parameter(name, value=default).type_
             node.declare_parameter(name, type, descriptor, ignore_override=True)
         raise
+
+
+def refusing_unknown_types(set_parameters: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """A callback of rclpy's for set_parameters, or set_parameters_atomically, that answers also where a parameter is of
+    a type that does not exist: rclpy's raises then, and its client waits for ever."""
+
+    def answer(request: Any, response: Any) -> Any:
+        unknown = next((one for one in request.parameters if one.value.type not in _TYPES), None)
+        if unknown is None:
+            return set_parameters(request, response)
+        reason = f'{shown(unknown.name)} is of type {unknown.value.type}, which does not exist; nothing was set'
+        refused = SetParametersResult(successful=False, reason=reason)
+        if isinstance(response, SetParameters.Response):
+            response.results = [refused] * len(request.parameters)
+        else:
+            response.result = refused
+        return response
+
+    return answer
 
 
 def unknown_parameters(node: Node) -> Iterator[str]:

@@ -7,10 +7,16 @@ import signal
 import threading
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 
+from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
@@ -286,3 +292,23 @@ def test_arguments_that_ros_refuses_are_told_without_a_trace(capfd: pytest.Captu
     assert run_node('program', lambda _: pytest.fail('not to be run'), ['--ros-args', '-r', '__ns:=/rob-1']) == 2
     told = capfd.readouterr().err
     assert "program: Failed to parse ROS arguments: Couldn't parse remap rule: '-r __ns:=/rob-1'" in told
+
+
+@pytest.mark.parametrize('service_type', [SetParameters, SetParametersAtomically])
+def test_a_parameter_of_a_type_that_does_not_exist_is_refused_in_words(service_type: Any) -> None:
+    name = 'set_parameters' if service_type is SetParameters else 'set_parameters_atomically'
+    wrong = ParameterMessage(name='speed', value=ParameterValue(type=255))
+    with NodeRuntime.open('set') as runtime, NodeRuntime.open('client') as client:
+        runtime.call(lambda: runtime.node.declare_parameter('speed', 1.0))
+        right = Parameter('speed', value=2.0).to_parameter_msg()
+        link = ServiceLinks(client).link(service_type, f'set/{name}')
+
+        def results(*parameters: ParameterMessage) -> list[SetParametersResult]:
+            response = service_outcome(link, service_type.Request(parameters=parameters), DEADLINE).response
+            return list(response.results) if hasattr(response, 'results') else [response.result]
+
+        refused = results(right, wrong)
+        assert len(refused) == (2 if service_type is SetParameters else 1)
+        assert all("speed' is of type 255" in one.reason and not one.successful for one in refused)
+        assert runtime.node.get_parameter('speed').value == 1.0
+        assert [one.successful for one in results(right)] == [True]
