@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import bisect
 import contextlib
+import math
 from collections.abc import Callable
 from pathlib import Path
+from time import monotonic
 from typing import Any, Final
 
 from flexbt_common import names
@@ -76,21 +78,31 @@ class RunPlayer:
         self._restore(0)
         self.go_to(0.0)
 
-    def go_to(self, time: float) -> None:
-        """Show what was known at a time, limited to the recording. Back it goes from what was kept last."""
+    def go_to(self, time: float, patience: float = math.inf) -> bool:
+        """Show what was known at a time, limited to the recording, from the nearest picture before it that was kept.
+
+        What was not read yet may take long: after ``patience`` seconds it is not there yet, which is False, and shows
+        what was known at the :attr:`time` to which it has come. So calls with the same time lead there.
+        """
         time = min(max(0.0, time), self.duration)
-        end = bisect.bisect_right(self._times, time)
-        if time < self.time:
-            self._restore(min(end // KEPT_EACH, len(self._kept) - 1))
-        for place in range(self._next, end):
+        wanted = end = bisect.bisect_right(self._times, time)
+        nearest = min(end // KEPT_EACH, len(self._kept) - 1)
+        if time < self.time or nearest * KEPT_EACH > self._next:
+            self._restore(nearest)
+        latest = monotonic() + patience
+        for place in range(self._next, wanted):
             if place == len(self._kept) * KEPT_EACH:
                 self._kept.append((self.mirror.copy(ManualClock()), self._feed.map_frame))
             self._clock.set(self._times[place])
             self._take(self._messages[place])
+            if monotonic() > latest and place + 1 < wanted:
+                time, end = self._times[place], place + 1
+                break
         self._next = end
         self._clock.set(time)
         self.time = time
         self._show_scan(end)
+        return end == wanted
 
     def _restore(self, number: int) -> None:
         """What was known before a message, of which each :data:`KEPT_EACH`-th that was passed has been kept."""
@@ -130,16 +142,15 @@ class RunPlayer:
         check_limits(message)
         return message
 
-    def step(self, by: int) -> None:
-        """Go to the next (1) or the last (-1) moment at which the executive said something."""
+    def next_said(self, by: int) -> float:
+        """The time of the next (1) or the last (-1) moment at which the executive said something."""
         said = [time for time, one in zip(self._times, self._messages, strict=True) if one.topic in _SAID]
         if by > 0:
-            self.go_to(next((time for time in said if time > self.time), self.duration) + MOMENT)
-        else:
-            self.go_to(next((time for time in reversed(said) if time < self.time - 2.0 * MOMENT), 0.0) + MOMENT)
+            return next((time for time in said if time > self.time), self.duration) + MOMENT
+        return next((time for time in reversed(said) if time < self.time - 2.0 * MOMENT), 0.0) + MOMENT
 
-    def find(self, text: str) -> None:
-        """Go to the next moment in which something is said that has this text in it, in any case of its letters.
+    def find(self, text: str) -> float:
+        """The time of the next moment in which something is said that has this text in it, in any case of its letters.
 
         Raises:
             RefusedError: there is none from here on.
@@ -147,8 +158,7 @@ class RunPlayer:
         wanted = text.lower()
         for time, one in zip(self._times, self._messages, strict=True):
             if time > self.time and one.topic in _SAID and wanted in one.data.decode(errors='replace').lower():
-                self.go_to(time + MOMENT)
-                return
+                return time + MOMENT
         raise RefusedError(f'nothing has {text!r} in it after {self.time:.1f} s')
 
     def _take(self, one: Recorded) -> None:

@@ -154,7 +154,7 @@ def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path
             line = ExecutiveLog(executive_id='e', sequence=second, text=text)
             writer.add(topic, serialize_message(line), second * 10**9, second * 10**9)
     player = RunPlayer(tmp_path / 'run.mcap')
-    player.find('motor ist \u00fcberhitzt')
+    player.go_to(player.find('motor ist \u00fcberhitzt'))
     assert player.time == pytest.approx(1.0, abs=0.1)
 
 
@@ -183,11 +183,11 @@ def test_a_player_shows_each_moment_as_it_was_also_going_back(executives: Any, t
     seen = player.mirror.view()
     assert seen.live and seen.decisions == view.decisions and seen.structure == view.structure
     assert player.mirror.log()[: len(logs)] == logs
-    player.step(-1)
+    player.go_to(player.next_said(-1))
     before = player.mirror.view().snapshot
     assert before is not None and seen.snapshot is not None and before.sequence < seen.snapshot.sequence
     player.go_to(0.0)
-    player.find('AskGoal')
+    player.go_to(player.find('AskGoal'))
     found = player.time
     said = [*player.mirror.view().active_paths, *(line.text for line in player.mirror.log())]
     assert found > 0.0 and any('AskGoal' in text for text in said)

@@ -100,6 +100,31 @@ def test_going_back_shows_what_was_shown_on_the_way(tmp_path: Path, monkeypatch:
         assert player.mirror.log() == straight.mirror.log() != ()
 
 
+def test_on_its_way_through_a_long_recording_it_shows_how_far_it_has_come(tmp_path: Path) -> None:
+    file = recording(tmp_path / 'run.mcap')
+    player, straight = RunPlayer(file), RunPlayer(file)
+    seen = []
+    while not player.go_to(9.0, patience=0.0):
+        seen.append(player.time)
+        straight.go_to(player.time)
+        assert seen == sorted(seen) and player.time < 9.0
+    straight.go_to(9.0)
+    assert len(seen) > 20 and player.time == 9.0 and player.mirror.view() == straight.mirror.view()
+
+
+def test_forward_as_back_it_starts_from_the_nearest_picture_that_was_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('flexbt_console.recording.player.KEPT_EACH', 3)
+    player, read = RunPlayer(recording(tmp_path / 'run.mcap')), []
+    player.go_to(10.0)
+    player.go_to(0.5)
+    take = player._take
+    monkeypatch.setattr(player, '_take', lambda one: (read.append(one), take(one)))
+    player.go_to(10.0)
+    assert len(read) <= 3
+
+
 def text_of(app: OperatorScreen) -> str:
     return '\n'.join(''.join(segment.text for segment in line) for line in app.screen._compositor.render_strips())
 

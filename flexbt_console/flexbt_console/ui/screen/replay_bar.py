@@ -18,6 +18,9 @@ from .panes import styled
 
 SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 JUMP_SECONDS: Final = 10.0
+PATIENCE: Final = 0.2
+"""Seconds for which is read at once: of a long recording the way to a time is seen, and keys are heard."""
+
 MOVES: Final = {
     'space': 'play',
     'full_stop': 'forward',
@@ -55,14 +58,14 @@ class Player(Protocol):
     time: float
     duration: float
 
-    def go_to(self, time: float) -> None:
-        """Show what was known at a time, s."""
+    def go_to(self, time: float, patience: float) -> bool:
+        """Show what was known at a time, s; False when it has not come there after so many seconds of reading."""
 
-    def step(self, by: int) -> None:
-        """Go to the next moment (1) or the last one (-1)."""
+    def next_said(self, by: int) -> float:
+        """The time of the next moment (1) or the last one (-1)."""
 
-    def find(self, text: str) -> None:
-        """Go to the next moment in which this is said. Raises RefusedError when there is none."""
+    def find(self, text: str) -> float:
+        """The time of the next moment in which this is said. Raises RefusedError when there is none."""
 
 
 class NoLink(NobodyAsked):
@@ -83,6 +86,7 @@ class ReplayBar:
         self._clock = clock
         self._speed = SPEEDS.index(1.0)
         self._played_from: float | None = None
+        self._wanted: float | None = None
 
     @property
     def is_playing(self) -> bool:
@@ -90,12 +94,15 @@ class ReplayBar:
         return self._played_from is not None
 
     def play_on(self) -> bool:
-        """Go to where the recording is now; whether it has moved."""
+        """Go to where the recording is now, or on to where it is wanted; whether it has moved."""
+        if self._wanted is not None:
+            self._go_to(self._wanted)
+            return True
         if self._played_from is None:
             return False
         now = self._clock.now()
         passed, self._played_from = now - self._played_from, now
-        self.player.go_to(self.player.time + passed * SPEEDS[self._speed])
+        self.player.go_to(self.player.time + passed * SPEEDS[self._speed], PATIENCE)
         if self.player.time >= self.player.duration:
             self._played_from = None
         return True
@@ -104,26 +111,31 @@ class ReplayBar:
         """Do what a key of :data:`MOVES` stands for."""
         if what == 'play':
             if not self.is_playing and self.player.time >= self.player.duration:
-                self.player.go_to(0.0)
+                self._go_to(0.0)
             self._played_from = None if self.is_playing else self._clock.now()
         elif what in ('forward', 'back'):
             self._played_from = None
-            self.player.step(1 if what == 'forward' else -1)
+            self._go_to(self.player.next_said(1 if what == 'forward' else -1))
         elif what in ('faster', 'slower'):
             self._speed = min(max(0, self._speed + (1 if what == 'faster' else -1)), len(SPEEDS) - 1)
         else:
             by = JUMP_SECONDS if what == 'jump_forward' else -JUMP_SECONDS
-            self.player.go_to(self.player.time + by)
+            self._go_to((self.player.time if self._wanted is None else self._wanted) + by)
 
     def find(self, text: str) -> None:
         """Go to the next moment in which this is said, and stand there. Raises RefusedError when there is none."""
-        self.player.find(text)
+        self._go_to(self.player.find(text))
         self._played_from = None
+
+    def _go_to(self, time: float) -> None:
+        self._wanted = None if self.player.go_to(time, PATIENCE) else time
+        if self._played_from is not None:  # the way there does not count
+            self._played_from = self._clock.now()
 
     def text(self, columns: int) -> Text:
         """The time line in one row."""
         player = self.player
-        state = 'plays' if self.is_playing else 'stands'
+        state = 'goes' if self._wanted is not None else 'plays' if self.is_playing else 'stands'
         head = f' {state} x{SPEEDS[self._speed]:g}  {player.time:.1f} / {player.duration:.1f} s '
         room = columns - len(head) - 3
         told = ''
