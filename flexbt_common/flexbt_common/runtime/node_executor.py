@@ -363,12 +363,13 @@ class _Turn:
 
 @dataclass(frozen=True)
 class _Group:
-    """Entities that are in the wait set while ``is_awaited()``, and once in a while.
+    """Entities that are in the wait set while ``is_awaited()``, and once in a while if they are ``checked``.
 
     ``adds`` are calls that put them there, with their argument; ``waitables`` those among them, with how each is taken.
     """
 
     is_awaited: Callable[[], bool]
+    is_checked: bool = True
     adds: list[tuple[Callable[[Any], object], Any]] = field(default_factory=list)
     waitables: list[tuple[Take, Any]] = field(default_factory=list)
 
@@ -424,9 +425,10 @@ class _Entities:
         for _, subscription in held['subscription'].values():
             group, is_awaited = always, self._awaited(subscription)
             if is_awaited is not None:
-                self._groups.append(group := _Group(is_awaited))
                 # The middleware ends the wait for an event when a message has come, too.
-                group_of |= dict.fromkeys(subscription.event_handlers, group)
+                group, of_events = _Group(is_awaited, is_checked=False), _Group(is_awaited)
+                self._groups += group, of_events
+                group_of |= dict.fromkeys(subscription.event_handlers, of_events)
             group.adds.append((wait_set.add_subscription, subscription.handle))
         for waitable in held_waitables:
             tells_misfit = isinstance(waitable, EventHandler) and is_misfit(waitable.event_type)
@@ -441,11 +443,10 @@ class _Entities:
         checks_all = now >= self._check_at
         if checks_all:
             self._check_at = now + _CHECK_SECONDS
-            groups = self._groups
         else:
             until = self._check_at - now
             timeout = until if timeout is None else min(timeout, until)
-            groups = [group for group in self._groups if group.is_awaited()]
+        groups = [group for group in self._groups if (checks_all and group.is_checked) or group.is_awaited()]
         wait_set = self._wait_set
         wait_set.clear_entities()
         for group in groups:

@@ -185,6 +185,26 @@ def test_a_message_that_nobody_waits_for_is_kept_for_who_asks(monkeypatch: pytes
         assert newest() == 50
 
 
+def test_what_nobody_waits_for_is_not_taken_when_all_is_checked_either(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('flexbt_common.runtime.node_executor._CHECK_SECONDS', 0.0)
+    taken: list[int] = []
+
+    def on_message(data: bytes) -> None:
+        """It is taken by the function below."""
+
+    on_message.is_awaited = lambda: False  # type: ignore[attr-defined]
+    on_message.take_all = lambda _subscription: taken.append(1)  # type: ignore[attr-defined]
+    numbers = bench.node.create_publisher(Int32, 'numbers', 1)
+    bench.node.create_subscription(Int32, 'numbers', on_message, 1, raw=True)
+    bench.turn_until(numbers.get_subscription_count, 'the discovery')
+    for number in range(20):
+        numbers.publish(Int32(data=number))
+        bench.executor.turn(0.005)
+    assert taken == []
+
+
 def test_entities_come_and_go_in_callbacks_and_other_threads_and_nothing_is_lost(bench: Bench) -> None:
     """A random walk: each number that is published while a subscription is there comes once, in order."""
     chance = random.Random(3)

@@ -56,7 +56,8 @@ _NOTHING: Final = -1.0
 
 
 class ScanLink:
-    """Feeds a mirror with a scan each ``period`` seconds, and twice that while it is the same. On the executor thread.
+    """Feeds a mirror with a scan each ``period`` seconds; while it is the same twice that, and four times that while no
+    behavior runs. On the executor thread.
 
     ``map_frame`` gives the frame of the map.
     """
@@ -141,7 +142,7 @@ class ScanLink:
             where = self._frames.lookup(self._map_frame(), scan.header.frame_id, seconds_of(scan.header.stamp))
             self._mirror.receive_scan(self._points(scan, where), max(SCAN_SECONDS, 3.0 * self._period))
             if self._shown is before:
-                period *= 2.0
+                period *= 2.0 if self._mirror.view().running else 4.0
         except (TransformError, ValueError) as error:
             if steady.now() < self._expires_at:
                 if not (isinstance(error, TransformError) and error.is_early):
