@@ -439,9 +439,9 @@ class _SeenToken:
             self._processes.move_to_end(received.participant)
             if len(self._processes) > _PROCESSES:
                 self._processes.popitem(last=False)
-        self._hear(status, identity)
+        self._on_status(status, identity)
 
-    def _hear(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
+    def _on_status(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
         now = self._runtime.steady.now()
         holder = self._identity if self.alive else None
         if status.level == DiagnosticStatus.ERROR:

@@ -107,7 +107,7 @@ class PresenceWatch:
             PeerStatus,
             names.EXECUTIVE_PRESENCE,
             names.unacknowledged(WORD_DEPTH),
-            self._hear,
+            self._on_message,
             limit=WORD_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._matched),
             on_ignored=on_ignored,
@@ -126,7 +126,7 @@ class PresenceWatch:
         """Whether a participant has held tokens, and they have ended, or have not been heard for the lease."""
         return participant in self._ended
 
-    def _hear(self, received: Received) -> None:
+    def _on_message(self, received: Received) -> None:
         if not self._rates.allows(received.participant):
             self._messages.blame(received)
             return

@@ -60,7 +60,7 @@ class TransformListener:
                 TFMessage,
                 topic,
                 qos,
-                partial(self._hear, is_static=is_static),
+                partial(self._on_message, is_static=is_static),
                 MESSAGE,
                 is_awaited=self._is_awaited,
             )
@@ -154,7 +154,7 @@ class TransformListener:
             self._waiting.remove(attempt)
             attempt(True)
 
-    def _hear(self, received: Received, is_static: bool) -> None:
+    def _on_message(self, received: Received, is_static: bool) -> None:
         self._heard_at = self._runtime.steady.now()
         try:
             message = received.unpack(TFMessage)

@@ -55,7 +55,7 @@ class Recorder:
             writer.add_topic(name, node.resolve_topic_name(name), topic.type, full_definition(topic.type))
             type = resolve_type(topic.type).message
             assert type is not None, 'topics have messages'
-            subscription = node.create_subscription(type, name, self._hear(name), topic.qos, raw=True)
+            subscription = node.create_subscription(type, name, self._callback_of(name), topic.qos, raw=True)
             self._subscriptions.append(subscription)
         # The last one: a console that knows of it knows of those before, and says a word then.
         self._consoles = PresenceWatch(runtime)
@@ -90,7 +90,7 @@ class Recorder:
             tell.info('the recording is written again, and lacks nothing')
         self._tell_ready(self._hears_all and not self._waits)
 
-    def _hear(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
+    def _callback_of(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
         due, kept = -math.inf, TOPICS[topic]
 
         def on_message(data: bytes, info: Mapping[str, int]) -> None:

@@ -359,7 +359,7 @@ def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> Non
             add(topic, data, *when)
 
         writer.add = note  # type: ignore[method-assign, assignment]
-        near.call(lambda: recorder._hear(names.SCAN)(bytes(SCAN_BYTES + 1), {'source_timestamp': 0}))
+        near.call(lambda: recorder._callback_of(names.SCAN)(bytes(SCAN_BYTES + 1), {'source_timestamp': 0}))
         assert heard == []
         sent = 0
 

@@ -90,15 +90,15 @@ class Household:
         return Pose(position.x, position.y, 0.0)
 
     def _subscribe(self, runtime: NodeRuntime) -> None:
-        runtime.node.create_subscription(JointState, 'simulator/doors', self._hear_doors, names.latched(MESSAGES))
-        runtime.node.create_subscription(String, names.GRIPPER_HOLDS, self._hear_holds, names.latched(MESSAGES))
+        runtime.node.create_subscription(JointState, 'simulator/doors', self._on_doors, names.latched(MESSAGES))
+        runtime.node.create_subscription(String, names.GRIPPER_HOLDS, self._on_holds, names.latched(MESSAGES))
 
-    def _hear_doors(self, message: JointState) -> None:
+    def _on_doors(self, message: JointState) -> None:
         before, self._opening = self._opening, message.position[message.name.index(DOOR)]
         self.times_opened += before is not None and before < 1.0 <= self._opening
         self._on_change()
 
-    def _hear_holds(self, message: String) -> None:
+    def _on_holds(self, message: String) -> None:
         self.times_held += message.data == CUP != self.held
         self.held = message.data
         self._is_gripper_seen = True

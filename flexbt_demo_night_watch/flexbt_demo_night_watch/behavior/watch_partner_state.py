@@ -72,12 +72,12 @@ class WatchPartnerState(EventState):
 
     def _join(self, runtime: NodeRuntime) -> None:
         self._watch = LivelinessWatch(runtime, self._executive, self._tell)
-        self._subscription = runtime.node.create_subscription(String, self._topic, self._hear, names.latched())
+        self._subscription = runtime.node.create_subscription(String, self._topic, self._on_message, names.latched())
 
     def _tell(self, _is_alive: bool) -> None:
         self.wake()
 
-    def _hear(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         with self._lock:
             self._left = [room for room in dict.fromkeys(message.data.split()) if room in self._places]
         state_services(self).changed()

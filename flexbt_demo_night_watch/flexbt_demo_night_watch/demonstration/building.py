@@ -68,24 +68,24 @@ class Building:
     def _subscribe(self, runtime: NodeRuntime, robots: Sequence[str]) -> None:
         node = runtime.node
         for robot in robots:
-            node.create_subscription(String, f'{robot}/{ROOMS_LEFT}', partial(self._hear_left, robot), names.latched())
-            battery = partial(self._hear_battery, robot)
+            node.create_subscription(String, f'{robot}/{ROOMS_LEFT}', partial(self._on_left, robot), names.latched())
+            battery = partial(self._on_battery, robot)
             node.create_subscription(BatteryState, f'{robot}/battery_state', battery, QoSProfile(depth=10))
-            alarm = partial(self._hear_alarm, robot)
+            alarm = partial(self._on_alarm, robot)
             node.create_subscription(PoseStamped, f'{robot}/alarm', alarm, QoSProfile(depth=10))
 
-    def _hear_left(self, robot: str, message: String) -> None:
+    def _on_left(self, robot: str, message: String) -> None:
         self._left = {**self._left, robot: tuple(message.data.split())}
         self._on_change()
 
-    def _hear_battery(self, robot: str, message: BatteryState) -> None:
+    def _on_battery(self, robot: str, message: BatteryState) -> None:
         if message.percentage <= LOW:
             self._low.add(robot)
         elif message.percentage >= FULL and robot in self._low:
             self._charged |= {robot}
             self._on_change()
 
-    def _hear_alarm(self, robot: str, message: PoseStamped) -> None:
+    def _on_alarm(self, robot: str, message: PoseStamped) -> None:
         position = message.pose.position
         self._alarms = [*self._alarms, (robot, Pose(position.x, position.y, 0.0))]
         self._on_change()

@@ -250,7 +250,7 @@ class _Reader:
         if kind == 'started':
             metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
         elif kind == 'skills':
-            self._hear(event.get('skills'))
+            self._declare(event.get('skills'))
         elif kind == 'entered':
             self._note(path, now, self._monitor.began(path))
             for around in _levels(path):
@@ -312,7 +312,7 @@ class _Reader:
                 self._set += by
                 self._metrics.clock_set.append(by)
 
-    def _hear(self, skills: object) -> None:
+    def _declare(self, skills: object) -> None:
         try:
             self._monitor = SkillMonitor(skills if isinstance(skills, dict) else {})
         except SkillError:

@@ -53,10 +53,10 @@ class ClockPublishers:
             return
         self._writers.clear()
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._messages = ReceivedMessages(node, Clock, names.CLOCK, qos, self._hear, _CLOCK_BYTES)
+        self._messages = ReceivedMessages(node, Clock, names.CLOCK, qos, self._on_message, _CLOCK_BYTES)
         self._after(LISTEN_SECONDS, self._judge)
 
-    def _hear(self, received: Received) -> None:
+    def _on_message(self, received: Received) -> None:
         self._writers.add(received.writer)
 
     def _judge(self) -> None:
