@@ -78,7 +78,7 @@ def test_without_one_part_its_use_is_left_out_and_everything_works(use: str, nam
 
 def test_with_another_signature_a_part_is_not_used() -> None:
     *usable, warning = run(r'def _take_timer\(self, tmr\)', 'def _take_timer(self, tmr, more=None)')
-    assert usable == ['ACTION_CLIENT', 'ACTION_SERVER']
+    assert usable == ['ACTION_CLIENT', 'ACTION_SERVER', 'PARAMETERS']
     assert '_take_timer(self, tmr, more=None) has another signature' in warning
 
 
