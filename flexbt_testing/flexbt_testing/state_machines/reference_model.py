@@ -303,7 +303,8 @@ class Model:
             return False
         if seat.ending is not None:
             return self._try_to_end(seat)
-        return any(inner.phase != 'empty' and not self._is_held(inner) and self._step(inner) for inner in seat.inner)
+        entries_first = sorted(seat.inner, key=lambda inner: inner.phase != 'coming')
+        return any(inner.phase != 'empty' and not self._is_held(inner) and self._step(inner) for inner in entries_first)
 
     def _step(self, seat: Seat) -> bool:
         if seat.phase == 'coming':

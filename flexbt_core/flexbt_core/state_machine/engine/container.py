@@ -149,7 +149,9 @@ class ContainerRun:
         if self.ending is not None:
             return self._await_halt(self.ending)
         priority = self._engine.pausing.priority
-        return any((priority is None or not are_apart(one.path, priority)) and one.advance() for one in self.regions)
+        going = [one for one in self.regions if priority is None or not are_apart(one.path, priority)]
+        # What ends at once does not keep the others from being entered.
+        return any(one.coming is not None and one.advance() for one in going) or any(one.advance() for one in going)
 
     # -- how it goes on and ends -------------------------------------------------------------------------------------
 

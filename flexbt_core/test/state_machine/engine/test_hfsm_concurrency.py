@@ -63,6 +63,14 @@ def test_it_ends_as_soon_as_a_condition_holds_and_leaves_the_others_once() -> No
     assert one.trace[-2:] == ['on_exit PARENT_LEFT', 'on_stop']
 
 
+def test_all_children_are_entered_before_one_that_ends_at_once_ends_it() -> None:
+    one, other, made = two()
+    one.do['execute'] = lambda *_: 'failed'
+    bench = Bench(made)
+    assert bench.outcome == 'failed'
+    assert other.trace == ['on_start', 'on_enter', 'on_exit PARENT_LEFT', 'on_stop']
+
+
 def test_it_waits_for_the_others_to_be_at_rest_before_it_wants_its_outcome() -> None:
     one, other, made = two()
     braking = ['braking']

@@ -233,9 +233,8 @@ def test_what_escapes_from_on_start_ends_the_run_in_order() -> None:
 
 
 def test_nothing_is_entered_any_more_when_a_state_has_ended_the_run() -> None:
-    """The children of a concurrency container are entered one after the other; the first is executed before the second
-    is entered."""
-    first, second = Scripted(do={'execute': boom}), Scripted()
+    """The children of a concurrency container are entered one after the other."""
+    first, second = Scripted(do={'on_enter': boom}), Scripted()
     both = machine(Child('A', first), Child('B', second), conditions=[('ended', [('A', 'done'), ('B', 'done')])])
     bench = Bench(machine(Child('Both', both, {'ended': 'ended'})))
     assert (bench.outcome, first.trace[-2:]) == ('error', ['on_exit FAULT', 'on_stop'])
