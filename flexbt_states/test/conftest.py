@@ -13,6 +13,5 @@ from flexbt_testing.nodes.state_bench import StateBench
 @pytest.fixture
 def bench() -> Iterator[StateBench]:
     """Runs states, with action servers that do what the test says."""
-    bench = StateBench()
-    yield bench
-    bench.close()
+    with StateBench() as bench:
+        yield bench

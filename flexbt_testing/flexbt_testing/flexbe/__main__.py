@@ -21,13 +21,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     failed = 0
     for file in given.files:
-        bench = StateBench()
         try:
-            problems = run_state_test(read_state_test(file), bench, given.timeout)
+            with StateBench() as bench:
+                problems = run_state_test(read_state_test(file), bench, given.timeout)
         except StateTestError as error:
             problems = [str(error).removeprefix(f'{file}: ')]
-        finally:
-            bench.close()
         failed += bool(problems)
         print(f'{"FAILED" if problems else "passed"}  {file}')
         for problem in problems:

@@ -86,7 +86,7 @@ class Run:
 
 
 class StateBench:
-    """Makes servers and runs states."""
+    """Makes servers and runs states; a context, at whose end all of it ends."""
 
     def __init__(self) -> None:
         self.runtime = NodeRuntime('bench_executive', args=())
@@ -95,6 +95,12 @@ class StateBench:
         """What else is to be closed at the end."""
         self._servers: list[NodeRuntime] = []
         self._runs: list[Run] = []
+
+    def __enter__(self) -> StateBench:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def serve(self, action_type: Any, name: str, script: Script | None = None, **options: Any) -> ScriptedActionServer:
         """Start an action server, in a process of its own as far as ROS can tell."""
@@ -114,8 +120,8 @@ class StateBench:
         read: dict[str, Any] | None = None,
         autonomy: int = 3,
     ) -> Run:
-        """Run one state; each outcome of it is an outcome of the run. Output keys are copied to ``read``; when
-        it did not succeed, those that ``userdata`` has."""
+        """Run one state; each outcome of it is an outcome of the run. ``userdata`` is what there is for it; of the keys
+        ``outputs``, those that have a value at its end are copied to ``read``."""
 
         def machine() -> OperatableStateMachine:
             state = make()
@@ -129,9 +135,7 @@ class StateBench:
                 taken = {name: f'Read_{name}' for name in state.outcomes}
                 OperatableStateMachine.add('State', state, taken)
                 for name, label in taken.items():
-                    is_written = name in ('done', 'received')
-                    keys = [key for key in outputs if is_written or key in (userdata or {})]
-                    OperatableStateMachine.add(label, _Reader(keys, {} if read is None else read), {'read': name})
+                    OperatableStateMachine.add(label, _Reader(outputs, {} if read is None else read), {'read': name})
             return root
 
         return self.run(machine, autonomy)
@@ -168,12 +172,11 @@ class StateBench:
 class _Reader(EventState):
     """Copies userdata keys for the test."""
 
-    def __init__(self, keys: list[str], read: dict[str, Any]) -> None:
-        super().__init__(outcomes=['read'], input_keys=keys, desired_rate=None)
+    def __init__(self, keys: Sequence[str], read: dict[str, Any]) -> None:
+        super().__init__(outcomes=['read'], input_keys=list(keys), desired_rate=None)
         self._keys = keys
         self._read = read
 
     def execute(self, userdata: Any) -> str:
-        for key in self._keys:
-            self._read[key] = userdata[key]
+        self._read.update({key: userdata[key] for key in self._keys if key in userdata})
         return 'read'
