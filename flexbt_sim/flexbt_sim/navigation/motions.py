@@ -139,9 +139,11 @@ class KeepingApart:
         speed = abs(velocity.linear) + swing
         if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
-        ahead = costmap.gap_seen(drive(pose, *velocity, SIDE_TIME / 2.0), self._reach)
-        escape = max(closing, AWAY * (speed if here < 0.0 else swing)) * SIDE_TIME / 2.0
-        if ahead >= here + escape - SAME_GAP:
+        escape = max(closing, AWAY * (speed if here < 0.0 else swing))
+        # Who runs away has to do so for longer: after a corner that swings away there comes another one.
+        times = (SIDE_TIME / 2.0, SIDE_TIME) if closing else (SIDE_TIME / 2.0,)
+        gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
+        if all(gap >= here + escape * time - SAME_GAP for gap, time in zip(gaps, times, strict=True)):
             return velocity
         allowed = (here - SIDE_GAP) / SIDE_TIME - closing
         if allowed >= min(SLOWEST, speed):

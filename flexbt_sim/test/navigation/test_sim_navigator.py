@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy
 import pytest
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.navigation import Navigator, Trip
 from flexbt_sim.world import (
+    MODELS,
     Circle,
     LidarModel,
     ObstacleModel,
@@ -201,3 +203,14 @@ def test_a_robot_touches_nobody_who_walks_to_and_fro_across_its_way(number: int)
     trip = Navigator(world, 'robot').navigate(Pose(5.5, 0.0, 0.0), timeout=300.0)
     assert (trip.code, trip.contacts) == ('', 0)
     assert robot.pose.distance(Pose(5.5, 0.0, 0.0)) < 0.25
+
+
+def test_a_robot_that_turns_on_the_spot_stands_still_when_somebody_walks_into_it() -> None:
+    """One of its corners swings away from them, and the next one towards them."""
+    begin, to = Pose(3.0253, 4.3194, 2.964), (6.5887, 2.475)
+    world = World(OccupancyMap(numpy.zeros((160, 160), numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)), seed=56)
+    world.add('robot', replace(MODELS['waffle'], footprint=box(0.6, 0.4)), Pose(4.0, 4.0, 0.0))
+    walk = RouteModel(waypoints=(to,), speed=0.30468, order='once')
+    world.add('person', ObstacleModel(begin, Circle(0.2), route=walk))
+    trip = Navigator(world, 'robot').navigate(Pose(4.0, 4.0, -1.88605), timeout=40.0)
+    assert trip.contacts == 0
