@@ -66,6 +66,14 @@ class Configuration:
     parts: tuple[tuple[Any, Any, Any], ...]
     key: bytes
 
+    def known_by(self, rest: Any) -> Configuration:
+        """The same, where nothing but this (what :mod:`marshal` takes) tells what follows."""
+        return Configuration(self.parts, _digest(rest))
+
+
+def _digest(text: Any) -> bytes:
+    return blake2b(marshal.dumps(text, 2), digest_size=_DIGEST).digest()
+
 
 class _Kind:
     """How objects of one class are walked."""
@@ -248,7 +256,7 @@ class _Walk:
         ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
         for at, when in self._instants:
             self._text[at] = ranks.get(when, 0 if when == self._now else -1)
-        return Configuration(tuple(self._parts), blake2b(marshal.dumps(self._text, 2), digest_size=_DIGEST).digest())
+        return Configuration(tuple(self._parts), _digest(self._text))
 
     def _reach(self, one: Any) -> int:
         number = self._numbers.get(id(one))

@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import marshal
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from hashlib import blake2b
 from typing import Any, Final
 
 from flexbt_core.monitors import (
@@ -145,7 +143,10 @@ class _Counted:
 
 
 class MachineSystem:
-    """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too."""
+    """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too.
+
+    With ``reduces``, situations after a stop differ only in what has not halted yet.
+    """
 
     def __init__(
         self,
@@ -153,9 +154,12 @@ class MachineSystem:
         models: StateModels = state_model,
         bounds: Bounds | None = None,
         requirements: Sequence[Requirement] = (),
+        *,
+        reduces: bool = True,
     ) -> None:
         self.clock = VirtualClock()
         self._bounds = bounds or Bounds()
+        self._reduces = reduces
         self._found: list[Violation] = []
         self._environment = MachineEnvironment(self._note)
         self._written = [one for one in requirements if isinstance(one, Written)]
@@ -203,10 +207,18 @@ class MachineSystem:
         self._at_work = {'/', *(node.path for node in self._run.root.active()), *self._environment.ending}
         self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
         configuration = self._memory.capture()
-        if self._run.outcome is None:
-            return configuration
-        rest = marshal.dumps((self._run.outcome, sorted(self._environment.ending)), 2)
-        return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+        is_over = self._run.outcome is not None or (self._reduces and self._counted.is_stopped)
+        return configuration.known_by(self._rest()) if is_over else configuration
+
+    def _rest(self) -> Any:
+        """What tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what was left
+        halts, or is given up, and then it is told what is wrong with the end."""
+        run, environment, clock = self._run, self._environment, self.clock
+        if run.outcome is not None:
+            return run.outcome, sorted(environment.ending)
+        waits = sorted(timer.when - clock.now() for timer in clock.timers if timer.callback is not None)
+        halting = run.not_halted, sorted(environment.ending), sorted(environment.overdue), self._counted.faults, waits
+        return halting, sorted(environment.active), sorted(self._monitor.not_left)
 
     @property
     def requirements(self) -> Requirements:
@@ -400,8 +412,7 @@ class MachineSystem:
             self._events.append(f'refused: {refusal}')
 
     def _next_due(self) -> float | None:
-        given = (self._run.next_wake, self.clock.next_timer(), self.requirements.next_due())
-        times = [time for time in given if time is not None]
+        times = [time for time in (self._run.next_wake, self.clock.next_timer()) if time is not None]
         return min(times, default=None)
 
     def _check(self) -> None:

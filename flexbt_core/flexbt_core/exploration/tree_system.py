@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import marshal
 import re
 from collections.abc import Iterable, Sequence
-from hashlib import blake2b
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
@@ -283,9 +281,8 @@ class TreeSystem:
         if self._run.result is None:
             return configuration
         # Nothing follows any more, but that what was canceled ends.
-        kept = (self._run.result, sorted(self._environment.canceling), sorted(self.written & self._observed))
-        rest = marshal.dumps(kept, 2)
-        return Configuration(configuration.parts, blake2b(rest, digest_size=16).digest())
+        canceling, written = sorted(self._environment.canceling), sorted(self.written & self._observed)
+        return configuration.known_by((self._run.result, canceling, written))
 
     @property
     def requirements(self) -> Requirements:

@@ -59,6 +59,11 @@ class MachineMonitor:
         self._machine: MachineDefinition | None = None
         self._containers: frozenset[str] = frozenset()
 
+    @property
+    def not_left(self) -> list[str]:
+        """The states that were entered, and whose on_exit was not called."""
+        return self._visits.inside
+
     # -- what the run tells ------------------------------------------------------------------------------------------
 
     def begins(self, run: MonitoredRun, is_resumed: bool) -> None:

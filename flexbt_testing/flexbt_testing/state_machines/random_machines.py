@@ -62,10 +62,10 @@ class Node:
             yield from child.all()
 
 
-def random_machine(random: Random) -> Node:
-    """A machine of up to DEPTH levels below the root, all states of which can be reached."""
+def random_machine(random: Random, states: int = STATES) -> Node:
+    """A machine of about so many ``states``, up to DEPTH levels below the root, which can all be reached."""
     root = Node('/', _outcomes(random, ['x', 'y', 'z']))
-    _fill(random, root, DEPTH, [STATES])
+    _fill(random, root, DEPTH, [states])
     return root
 
 
