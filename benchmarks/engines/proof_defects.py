@@ -219,7 +219,7 @@ DELIVER: Final = Mission(
         'there/clear is a Clear',
         'there/plan has goal={goal}',
         'home/plan has goal={base}',
-        'there/drive has path={path}',
+        'there/drive has path={there/path}',
     ),
 )
 MISSIONS: Final = (FETCH, DELIVER)

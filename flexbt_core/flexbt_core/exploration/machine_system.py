@@ -16,6 +16,7 @@ from flexbt_core.monitors import (
     Violation,
     Written,
     declared_resources,
+    shared_keys,
     violation_of,
 )
 from flexbt_core.state_machine import (
@@ -33,6 +34,7 @@ from flexbt_core.state_machine import (
     Severity,
     StateDefinition,
     UserData,
+    races,
 )
 from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
 from flexbt_core.state_machine.model import Scope
@@ -173,6 +175,7 @@ class MachineSystem:
         self._monitor = MachineMonitor(declared_resources(self._definition), self._note, requirements)
         self._taken: set[str] = set()
         self._events: list[str] = []
+        self._writes = _shared_writes(self._definition)
         given = {key: f'given:{key}' for key in definition.read_inputs}
         self.given = tuple(sorted(given))
         self._run = MachineRun(
@@ -418,6 +421,8 @@ class MachineSystem:
     def _check(self) -> None:
         run, environment, found = self._run, self._environment, self._found
         if run.outcome is None:
+            at_work = [path for path in environment.active if not run.pausing.holds(path)]
+            found += shared_keys((path, self._writes[path]) for path in at_work)
             return
         if run.outcome == ERROR and not self._counted.faults:
             is_livelock = run.message.startswith('livelock')
@@ -470,6 +475,18 @@ class MachineSystem:
             return
         kind = Property.DATA if 'UserDataError' in last else Property.NO_FAULT
         self._found.append(Violation(kind, path, last.partition('Error: ')[2] or last))
+
+
+def _shared_writes(machine: MachineDefinition) -> dict[str, frozenset[str]]:
+    """By the paths of the states, what they write while others may, and somebody reads: userdata, and blackboards."""
+    states = {node.path: node.state.unwrapped for node in machine.nodes() if isinstance(node, StateDefinition)}
+    found = {
+        path: state.model.outputs if isinstance(state, ModelState) else frozenset() for path, state in states.items()
+    }
+    for race in races(machine):
+        for path in race.states:
+            found[path] |= {f'userdata key {race.name!r} of {race.path}'}
+    return found
 
 
 def _kept_of_leaf(leaf: LeafRun) -> list[Any]:

@@ -45,7 +45,8 @@ class StateModel:
     ``outcomes`` are those that it may give (None: all that it declares). ``resources`` are actuators that it has while
     it is active. ``ends_later``: what it has begun has to be canceled, and confirmed, when it is left before its end.
     ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
-    ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome.
+    ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome,
+    and ``outputs`` what it is known to write there while it works.
     ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does.
     """
 
@@ -58,6 +59,7 @@ class StateModel:
     server: str = ''
     successes: frozenset[str] = frozenset()
     reads: frozenset[str] = frozenset()
+    outputs: frozenset[str] = frozenset()
     writes: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
 

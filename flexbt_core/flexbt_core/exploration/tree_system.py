@@ -23,7 +23,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.engine import ControlNode, DecoratorNode, LeafNode
 from flexbt_core.behavior_tree.model import EMPTY, IDLE, NO_DEFAULT, RUNNING, SUCCESS, Entry
-from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary
+from flexbt_core.monitors import Property, Requirement, Requirements, TreeMonitor, Violation, Vocabulary, shared_keys
 
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
@@ -182,12 +182,9 @@ class TreeSystem:
         monitor.begins(self._tree)
         self._questions: list[tuple[str, Entry, tuple[Any, ...]]] = []
         self.given = self._give(set(given), scripts)
-        self._entry_names = {
-            id(entry): key
-            for subtree in reversed(self._tree.subtrees)
-            for key, entry in subtree.blackboard.entries().items()
-        }
         self._environment.described = self._described
+        unread = self._unread(scripts)
+        self._writes = self._written_keys(unread)
         self._run = _Run()
         self._memory = Memory(
             (
@@ -203,7 +200,7 @@ class TreeSystem:
             ),
             self.clock,
             TREE_LAYOUT,
-            unread=self._unread(scripts) if reduces else (),
+            unread=unread if reduces else (),
         )
 
     def _unread(self, scripts: list[str]) -> list[Entry]:
@@ -222,8 +219,31 @@ class TreeSystem:
         }
         return [entry for _, entry in entries if id(entry) not in read]
 
+    def _written_keys(self, unread: Iterable[Entry]) -> dict[str, tuple[str, ...]]:
+        """By the paths of the actions, the keys that they write and that something may read."""
+        quiet = set(map(id, unread))
+        found = {}
+        for node in self._tree.nodes:
+            if isinstance(node, ModelAction):
+                keys = (
+                    node.port_values[name].key
+                    for name, port in node.ports.items()
+                    if port.writable and name in node.port_values
+                )
+                entries = (node.blackboard.entry(key) for key in keys if key is not None)
+                found[node.path] = tuple(
+                    self._entry_names[id(entry)] for entry in entries if entry is not None and id(entry) not in quiet
+                )
+        return found
+
     def _give(self, given: set[str], scripts: Iterable[str]) -> tuple[str, ...]:
-        """Write what is there from the beginning; the keys."""
+        """Write what is there from the beginning; the keys, as they are called nearest to the root."""
+        declared = {key: self._board.declare(key, None) for key in sorted(given)}
+        names = self._entry_names = {
+            id(entry): key
+            for subtree in reversed(self._tree.subtrees)
+            for key, entry in subtree.blackboard.entries().items()
+        }
         read: dict[int, tuple[str, Any]] = {}
         needed: set[int] = set()
         written: set[int] = set()
@@ -235,13 +255,12 @@ class TreeSystem:
                 if port is None or entry is None or value.key is None:
                     continue
                 if port.readable:
-                    read.setdefault(id(entry), (value.key.removeprefix('@'), entry))
+                    read.setdefault(id(entry), (names[id(entry)], entry))
                     if port.required or port.default is not NO_DEFAULT:
                         needed.add(id(entry))
                 if port.writable or value.key in assigned:
                     written.add(id(entry))
         found = []
-        declared = {key: self._board.declare(key, None) for key in sorted(given)}
         tested = self._tested(scripts)
         for key, entry in declared.items():
             if id(entry) in tested:  # scripts read it, by whatever name
@@ -447,6 +466,8 @@ class TreeSystem:
             self._found.append(Violation(Property.NO_LIVELOCK, tree.key.id, text))
         self._monitor.ticked(status)
         environment.rests(self.clock.now())
+        if len(environment.open) > 1:
+            self._found += shared_keys((path, self._writes[path]) for path in environment.open)
         for node in self._limiters:
             if node.status is RUNNING and node.child.status is not RUNNING:
                 self._withheld.add(node.uid)

@@ -10,7 +10,7 @@ own. Each remembers a few bits, and takes next to no time for an event. ::
 
 from .machine_monitor import MachineMonitor, Resources, declared_resources
 from .monitoring import MOST_TOLD, Findings, Monitoring, violation_text
-from .properties import Property, Violation, shared_actuators
+from .properties import Property, Violation, shared_actuators, shared_keys
 from .requirement_text import (
     RequirementError,
     Stated,
@@ -72,6 +72,7 @@ __all__ = [
     'problems_with',
     'read_requirements',
     'shared_actuators',
+    'shared_keys',
     'tree_vocabulary',
     'violation_of',
     'violation_text',

@@ -23,6 +23,7 @@ class Property(Enum):
     PRECONDITION = 'a leaf begins only where what its skill needs holds'
     DEADLINE = 'an attempt is given up at the deadline of its skill'
     DATA = 'nothing is read before it is written'
+    ONE_WRITER = 'what is read is written by one at a time'
     HALTED = 'a halt halts everything'
     NO_FAULT = 'no node and no state raises'
     DECLARED = 'it ends only by what it declares'
@@ -53,12 +54,28 @@ class Violation(NamedTuple):
 
 def shared_actuators(owners: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
     """Actuators that several have at once, of who has which: path and resources."""
-    found: dict[str, list[str]] = {}
-    for path, resources in owners:
-        for resource in resources:
-            found.setdefault(resource, []).append(path)
     return [
         Violation(Property.ONE_OWNER, resource, f'{resource} has two owners at once: {" and ".join(paths)}')
-        for resource, paths in sorted(found.items())
-        if len(paths) > 1
+        for resource, paths in _shared(owners)
     ]
+
+
+def shared_keys(writers: Iterable[tuple[str, Iterable[str]]]) -> list[Violation]:
+    """Keys that several write who work at once, of who writes which: path and keys."""
+    return [
+        Violation(
+            Property.ONE_WRITER,
+            key,
+            f'{" and ".join(paths)} work at the same time and write {key}: it is chance whose value is read later',
+        )
+        for key, paths in _shared(writers)
+    ]
+
+
+def _shared(claims: Iterable[tuple[str, Iterable[str]]]) -> list[tuple[str, list[str]]]:
+    """What several claim, with their paths."""
+    found: dict[str, list[str]] = {}
+    for path, things in claims:
+        for thing in things:
+            found.setdefault(thing, []).append(path)
+    return sorted((thing, paths) for thing, paths in found.items() if len(paths) > 1)

@@ -129,10 +129,36 @@ def test_a_sound_mission_is_followed_to_its_end(bounds: Bounds) -> None:
     assert report.uncovered == ()
 
 
+def both_write() -> OperatableStateMachine:
+    """Two plans for one path, side by side."""
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        both = ConcurrencyContainer(
+            outcomes=['done', 'failed'],
+            output_keys=['path'],
+            conditions=[
+                ('done', [('One', 'done'), ('Other', 'done')]),
+                ('failed', [('One', 'failed')]),
+                ('failed', [('Other', 'failed')]),
+            ],
+        )
+        with both:
+            add('One', Work(writes='path'))
+            other = OperatableStateMachine(outcomes=['done', 'failed'], output_keys=['way'])
+            with other:
+                add('Look', Work(), {'done': 'Plan', 'failed': 'failed'})
+                add('Plan', Work(writes='way'), {'done': 'done', 'failed': 'failed'})
+            add('Other', other, remapping={'way': 'path'})
+        add('Both', both, {'done': 'Drive', 'failed': 'failed'})
+        add('Drive', Work(reads='path'), {'done': 'finished', 'failed': 'failed'})
+    return machine
+
+
 DEFECTS: dict[str, tuple[Callable[[], OperatableStateMachine], Property]] = {
     'wrong target': (lambda: mission(after_failure='Drive'), Property.DATA),
     'instant loop': (lambda: mission(loops=True), Property.NO_LIVELOCK),
     'two owners': (both_drive, Property.ONE_OWNER),
+    'two writers': (both_write, Property.ONE_WRITER),
 }
 
 

@@ -192,6 +192,11 @@ DEFECTS = {
         '<Parallel success_count="2"><Drive/><Sequence><Plan/><Turn/></Sequence></Parallel>',
         Property.ONE_OWNER,
     ),
+    'two writers': (
+        '<Sequence><Parallel success_count="2"><Plan path="{path}"/><Plan path="{path}"/></Parallel>'
+        '<Follow path="{path}"/></Sequence>',
+        Property.ONE_WRITER,
+    ),
     'not halted': ('<Forgetful><Plan/><Plan/></Forgetful>', Property.HALTED),
     'wakes itself': (
         '<RetryUntilSuccessful num_attempts="-1"><IsSafe/></RetryUntilSuccessful>',
@@ -451,6 +456,24 @@ def test_what_stands_for_the_leaves_goes_with_the_proof() -> None:
     ends = [weakref.ref(type(node)) for node in system(RATE.format(2), 'never go > halted').tree.nodes[-2:]]
     gc.collect()
     assert [end() for end in ends] == [None, None]
+
+
+def test_what_two_write_at_once_and_nobody_reads_is_no_matter() -> None:
+    assert proved('<Parallel success_count="2"><Plan path="{path}"/><Plan path="{path}"/></Parallel>').holds
+
+
+def test_what_is_given_is_called_as_where_the_tree_begins() -> None:
+    """What a sub-tree calls it says nothing about who has written it."""
+    body = '<Sequence><Plan path="{path}"/><SubTree ID="Away" path="{route}"/></Sequence>'
+    away = '<BehaviorTree ID="Away"><Follow path="{path}"/></BehaviorTree>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree>{away}</root>'
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+
+    def made() -> TreeSystem:
+        return TreeSystem(library, TreeKey('main.xml', 'Main'))
+
+    assert made().given == ('route',) and made().needed == {'route'}
+    assert explore(made, 'Main').written == {'SUCCESS': {'path'}, 'FAILURE': set(), 'stopped': set()}
 
 
 def test_what_is_given_has_every_value_that_is_asked_for() -> None:

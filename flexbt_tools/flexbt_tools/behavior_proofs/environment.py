@@ -41,9 +41,12 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
         found = replace(found, reads=boards.reads(use), writes=writes)
         if use.key is None:
             return found
+        found = replace(found, resources=frozenset(resources[use.key]), server='BT server')
+        if report is None or not report.is_proof:
+            return found
         outcomes = state.outcomes
-        if report is not None and report.is_proof and 'SUCCESS' not in report.ends:
+        if 'SUCCESS' not in report.ends:
             outcomes = tuple(one for one in outcomes if one != 'done')
-        return replace(found, outcomes=outcomes, resources=frozenset(resources[use.key]), server='BT server')
+        return replace(found, outcomes=outcomes, outputs=writes.get('done', frozenset()))
 
     return model

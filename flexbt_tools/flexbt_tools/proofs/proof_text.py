@@ -20,6 +20,7 @@ _REMEDIES: Final = {
     Property.POSSIBLE: 'lead back from there, as reactive controls and further attempts do, or do not require it',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
+    Property.ONE_WRITER: 'give each a key of its own, or let one of them end before the other begins',
     Property.PRECONDITION: 'bring it about before, and look whether a condition is inverted, or the children swapped',
     Property.DEADLINE: 'put a Timeout around it that is no longer than the deadline',
     Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',

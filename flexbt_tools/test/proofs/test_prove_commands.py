@@ -16,11 +16,17 @@ import pytest
 
 from flexbt_console.mirror import NodeStatus
 from flexbt_console.recording import open_recording
-from flexbt_core.exploration import explorer
+from flexbt_core.exploration import Bounds, explorer
+from flexbt_core.state_machine import ConcurrencyContainer, OperatableStateMachine, define
+from flexbt_server.node_types import node_registry
+from flexbt_states import BtExecuteState, BtLoaderState
 from flexbt_testing.behavior_trees.bt_tool import document, tool
+from flexbt_tools.behavior_proofs import prove_behavior
+from flexbt_tools.behaviors import used_trees
 from flexbt_tools.cli.behavior_tool import main as behavior_tool
 from flexbt_tools.errors import UsageError
 from flexbt_tools.proofs import File, ProgressLine
+from flexbt_tools.trees import OpenRegistry
 
 
 @pytest.fixture(autouse=True)
@@ -146,6 +152,35 @@ def split(folder: Path, plan: str, unplanned: str = 'failed') -> str:
     machine = folder / 'split.yaml'
     machine.write_text(SPLIT.format(folder=folder, unplanned=unplanned))
     return str(machine)
+
+
+@pytest.mark.parametrize(('board', 'wrong'), [('', ['[path] of the shared blackboard']), ('other', [])])
+def test_trees_that_write_the_same_side_by_side_are_told(tmp_path: Path, board: str, wrong: list[str]) -> None:
+    plan = '<ComputePathToPose goal="{goal}" path="{path}"/>'
+    trees = {'Plan': plan, 'Again': plan, 'Drive': '<FollowPath path="{path}"/>'}
+    for name, body in trees.items():
+        (tmp_path / f'{name}.xml').write_text(document(f'{name}: {body}', main=None))
+    add = OperatableStateMachine.add
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    both = ConcurrencyContainer(
+        outcomes=['done', 'failed'],
+        conditions=[
+            ('done', [('Plan', 'done'), ('Again', 'done')]),
+            *(('failed', [(label, outcome)]) for label in ('Plan', 'Again') for outcome in ('failed', 'canceled')),
+        ],
+    )
+    with both:
+        add('Plan', BtExecuteState(bt_file='Plan'))
+        add('Again', BtExecuteState(bt_file='Again', blackboard=board))
+    with machine:
+        files = [str(tmp_path / f'{name}.xml') for name in trees]
+        add('Load', BtLoaderState(filepaths=files), {'done': 'Both', 'failed': 'failed'})
+        add('Both', both, {'done': 'Drive', 'failed': 'failed'})
+        add('Drive', BtExecuteState(bt_file='Drive'), {'done': 'finished', 'canceled': 'failed', 'failed': 'failed'})
+    made = define(machine)
+    used = used_trees(made, (), OpenRegistry(node_registry(lambda source, error: None)))
+    proof = prove_behavior('race', made, used, Bounds(), seconds=60, configurations=1000)
+    assert [found.violation.where for report in proof.reports for found in report.counterexamples] == wrong
 
 
 def test_what_a_tree_writes_that_was_not_followed_to_its_end_is_not_known(tmp_path: Path) -> None:

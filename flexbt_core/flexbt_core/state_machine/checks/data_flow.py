@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 from flexbt_core.state_machine.model import MachineDefinition, StateDefinition, StateKind
 
@@ -51,11 +52,13 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class Race:
-    """A key of the concurrency container ``path`` that several of its children, the ``writers``, write."""
+    """A key of the concurrency container ``path`` that several of its children, the ``writers``, write, by ``states``
+    in them."""
 
     path: str
     name: str
     writers: tuple[str, ...]
+    states: tuple[str, ...]
 
 
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
@@ -79,20 +82,25 @@ def races(machine: MachineDefinition) -> Iterator[Race]:
 
 def _races_in(container: MachineDefinition) -> Iterator[Race]:
     read = {child.remap.get(key, key) for child in container.children.values() for key in _declared_inputs(child)}
-    writers: dict[str, list[str]] = {}
+    writers: dict[str, dict[str, list[str]]] = {}
     for child in container.children.values():
-        for name in sorted(_state_writes(child)):
-            writers.setdefault(name, []).append(child.path)
-    for name, paths in writers.items():
-        if len(paths) > 1 and (name in read or name in container.output_keys):
-            yield Race(container.path, name, tuple(paths))
+        for name, state in sorted(_state_writes(child)):
+            writers.setdefault(name, {}).setdefault(child.path, []).append(state)
+    for name, states in writers.items():
+        if len(states) > 1 and (name in read or name in container.output_keys):
+            yield Race(container.path, name, tuple(states), tuple(chain.from_iterable(states.values())))
 
 
-def _state_writes(node: Node) -> set[str]:
-    """What states write in a child, by the names of its machine. Defaults are not chance: they are written first."""
+def _state_writes(node: Node) -> Iterator[tuple[str, str]]:
+    """What states write in a child, by the names of its machine, and which. Defaults are not chance: they are written
+    first."""
     if isinstance(node, StateDefinition):
-        return _names(node)
-    return _names(node, {name for child in node.children.values() for name in _state_writes(child)})
+        yield from ((name, node.path) for name in _names(node))
+        return
+    for child in node.children.values():
+        for name, state in _state_writes(child):
+            if name in node.output_keys:
+                yield node.remap.get(name, name), state
 
 
 def _declared_inputs(node: Node) -> Iterable[str]:
