@@ -87,7 +87,7 @@ def proved(body: str, *, reduces: bool) -> Report:
     return explore(lambda: TreeSystem(library, key, reduces=reduces), '', limits=limits)
 
 
-def verdict(report: Report) -> object:
+def verdict(report: Report) -> tuple[object, ...]:
     found = sorted((one.violation.property.name, one.violation.where) for one in report.counterexamples)
     return found, sorted(report.ends), report.uncovered, report.depth
 
