@@ -19,7 +19,11 @@ from .words import robot_names
 COMMON_OPTIONS: Final = (
     Option('--json', 'print JSON for programs: one object, or one a line for watch'),
     Option('--timeout', 'how long to wait for the executive and its answer (default 5)', 'SECONDS', read=seconds),
-    Option('--operator', 'who gives the command (default: FLEXBT_OPERATOR, or user@host)', 'NAME'),
+    Option(
+        '--operator',
+        'who gives the command (default: FLEXBT_OPERATOR, or user@host, of the page user@host/page)',
+        'NAME',
+    ),
     Option('--observer', 'only see: give no commands, and be nobody to the executive (a role of its own in a policy)'),
     Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME', values=robot_names),
     Option(

@@ -379,7 +379,8 @@ def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Pose]:
 
 
 def operator_name(line: CommandLine) -> str:
-    """Who gives the commands: the option, the environment, or user@host."""
+    """Who gives the commands: the option, the environment, or user@host; of the page user@host/page, since the same
+    person may have the screen beside it, and a name is that of one console."""
     given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')
     if given:
         return given
@@ -390,7 +391,8 @@ def operator_name(line: CommandLine) -> str:
         user = getpass.getuser()
     except (KeyError, OSError):
         user = str(os.getuid())
-    return f'{user}@{socket.gethostname()}'
+    page = '/page' if line.spec is not None and line.spec.action is Mode.WEB else ''
+    return f'{user}@{socket.gethostname()}{page}'
 
 
 def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:

@@ -19,7 +19,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_console.commands import parse
 from flexbt_console.errors import ExitCode
 from flexbt_console.mirror import LinkState, Snapshot, Transit
-from flexbt_console.ui.console import _mirror_maker, main
+from flexbt_console.ui.console import _mirror_maker, main, operator_name
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.system.console_process import COMMAND, run_console
 from flexbt_testing.system.console_process import start_console as start
@@ -39,6 +39,13 @@ def test_an_output_that_does_not_fit_onto_its_disk_is_told(
         monkeypatch.setattr(sys, 'stdout', full)
         assert main(['--help']) == ExitCode.FAULT
     assert capfd.readouterr().err == 'console: the output is not whole: No space left on device\n'
+
+
+def test_screen_and_page_of_the_same_person_have_names_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('FLEXBT_OPERATOR', raising=False)
+    screen, page, status = (operator_name(parse([word])) for word in ('screen', 'web', 'status'))
+    assert (page, status) == (f'{screen}/page', screen) and '@' in screen
+    assert operator_name(parse(['web', '--operator', 'ann'])) == 'ann'
 
 
 def test_what_lost_its_lock_to_a_signal_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:

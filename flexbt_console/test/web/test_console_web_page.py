@@ -358,6 +358,26 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
                 browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
 
 
+def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(authority='ann', authority_requests=('bob',), behavior='Navigate Split')
+    phone = {'width': 390, 'height': 844, 'deviceScaleFactor': 1, 'mobile': True}
+    browser.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
+    try:
+        with served({'robot': robot.station()}) as port:
+            browser.driver.get(f'http://127.0.0.1:{port}/')
+            browser.until_live()
+            browser.until_text('alarm', 'bob asks for the authority: "c" answers')
+            assert browser.run('return document.getElementById("runs").getBoundingClientRect().width') > 120
+            browser.press('c')
+            browser.until(lambda: browser.run('return document.querySelector("dialog").open'))
+            assert browser.text('dialog-body').split('\n') == ['handover bob', 'refuse bob', 'release']
+            browser.driver.find_element(By.CSS_SELECTOR, '#dialog-body button').click()
+            assert robot.wait_sent(1)[0].kind is CommandKind.HAND_OVER_AUTHORITY
+    finally:
+        browser.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:
     robot = WebRobot(answers=False)
     robot.show(PLAN)

@@ -192,6 +192,9 @@ export class RobotMap {
       const box = {left, right: left + wide, top: base - 10, bottom: base + 3};
       if (boxes.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom)) continue;
       boxes.push(box);
+      context.strokeStyle = this.colour('--free');  // also over a wall it is read
+      context.lineWidth = 3;
+      context.strokeText(text, left, base);
       context.fillText(text, left, base);
       return;
     }
