@@ -48,8 +48,9 @@ class Console:
         """To the process."""
         self._process.send_signal(number)
 
-    def do(self, command: str) -> None:
-        """Give a command; comes back when the console tells that it was applied.
+    def do(self, command: str, has_effect: Callable[[], bool]) -> None:
+        """Give a command, again where its picture was too old for it; comes back when the console tells that it was
+        applied, and ``has_effect``.
 
         Raises:
             ConsoleEndedError: the console ends before.
@@ -57,8 +58,7 @@ class Console:
         """
         raise NotImplementedError
 
-    def wait(self, done: Callable[[], object], what: str) -> None:
-        """Until ``done`` says so. Raises as :meth:`do`."""
+    def _wait(self, done: Callable[[], object], what: str) -> None:
 
         def seen() -> object:
             has_ended = self._process.poll() is not None
@@ -87,7 +87,7 @@ class LineMode(Console):
                     return
             threading.Event().wait(0.001)
 
-    def do(self, command: str) -> None:
+    def do(self, command: str, has_effect: Callable[[], bool]) -> None:
         """As in the base."""
         super().__exit__(None, None, None)
         with self._lock:
@@ -113,7 +113,7 @@ class Screen(Console):
         self._shown = b''
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
-        self.wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
+        self._wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
 
     def _read(self) -> None:
         with contextlib.suppress(OSError):  # the console is gone
@@ -127,11 +127,16 @@ class Screen(Console):
         self._reader.join()
         os.close(self._terminal)
 
-    def do(self, command: str) -> None:
+    def do(self, command: str, has_effect: Callable[[], bool]) -> None:
         """As in the base."""
-        begin = len(self._shown)
-        os.write(self._terminal, self.KEYS[command])
-        self.wait(lambda: f'{command}: applied'.encode() in self._shown[begin:], f'{command} on the screen')
+        answer, unsent = f'{command}: applied'.encode(), b'nothing was sent'
+        while not has_effect():  # a screen that scrolls draws answers from before, too
+            begin = len(self._shown)
+            os.write(self._terminal, self.KEYS[command])
+            self._wait(
+                lambda begin=begin: unsent in self._shown[begin:] or (answer in self._shown[begin:] and has_effect()),
+                f'{command} on the screen',
+            )
 
 
 class Page(Console):
@@ -174,7 +179,7 @@ class Page(Console):
         text = content.get('told', {}).get('text', '')
         return {word for word in words if word in text}
 
-    def do(self, command: str) -> None:
+    def do(self, command: str, has_effect: Callable[[], bool]) -> None:
         """As in the base."""
         try:
             self._runner.run(self._do(command))

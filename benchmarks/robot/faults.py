@@ -66,9 +66,6 @@ BEGIN_SECONDS: Final = 30.0
 AUTHORITY_SECONDS: Final = 10.0
 """After which an operator without a console loses the authority."""
 
-AFTER: Final = {'pause': ExecutiveStatus.PAUSED, 'resume': ExecutiveStatus.RUNNING}
-"""The state of the executive after the commands of a console."""
-
 STATES: Final = {
     getattr(ExecutiveStatus, name): name
     for name in ('UNKNOWN', 'IDLE', 'STARTING', 'RUNNING', 'PAUSED', 'STOPPING', 'INTERRUPTED')
@@ -196,16 +193,14 @@ def console_trial(stack: Stack, probe: Probe, how: str, name: str, chance: rando
         is_over.set()
 
     with CONSOLES[name]() as console:
-        console.do('claim')
+        console.do('claim', partial(has_effect, probe, 'claim'))
         thread = threading.Thread(target=fault)
         thread.start()
         with contextlib.suppress(ConsoleEndedError):
             for command in itertools.cycle(('pause', 'resume')):
                 last = is_over.is_set()
                 given.append(command)
-                console.do(command)
-                # What a screen draws anew may be an answer from before.
-                console.wait(lambda: probe.status.state == AFTER[command], f'the effect of {command}')  # noqa: B023
+                console.do(command, partial(has_effect, probe, command))
                 told.append(command)
                 if last:
                     break
@@ -239,6 +234,14 @@ def console_trial(stack: Stack, probe: Probe, how: str, name: str, chance: rando
         f'{free:.1f} s after the console; {"; ".join(wrong) or "all right"}',
         'wrong': wrong,
     }
+
+
+def has_effect(probe: Probe, command: str) -> bool:
+    """Whether the executive shows what a command of a console brings about."""
+    if command == 'claim':
+        return bool(probe.status.authority == OPERATOR)
+    state = ExecutiveStatus.PAUSED if command == 'pause' else ExecutiveStatus.RUNNING
+    return bool(probe.status.state == state)
 
 
 def flooded(texts: list[str]) -> list[tuple[str, str]]:
