@@ -88,21 +88,6 @@ class Reporter:
         """A callback of the executive let an exception escape."""
         self.log(ExecutiveLog.ERROR, f'fault in the executive, which goes on: {type(error).__name__}: {error}')
 
-    def peer(self, name: str, alive: bool, seen_before: bool, run_id: str) -> None:
-        """A node that the executive depends on has come or gone."""
-        again = ' again' if seen_before else ''
-        severity, text = (ExecutiveLog.INFO, f'alive{again}') if alive else (ExecutiveLog.ERROR, 'not alive any more')
-        self.log(severity, f'{name} is {text}', run_id=run_id)
-
-    def peer_ready(self, name: str, ready: bool, run_id: str) -> None:
-        """A node that is alive has become ready, or is not any more."""
-        severity, text = (ExecutiveLog.INFO, 'ready') if ready else (ExecutiveLog.WARN, 'alive, but not ready any more')
-        self.log(severity, f'{name} is {text}', run_id=run_id)
-
-    def peer_late(self, name: str, problem: str, run_id: str) -> None:
-        """A node that is alive is late, for this reason. That it is not any more, the status shows."""
-        self.log(ExecutiveLog.WARN, f'{name} is late: {problem}', run_id=run_id)
-
     # -- operators ----------------------------------------------------------------------------------------------------
 
     def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:

@@ -15,7 +15,7 @@ from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 from flexbt_core.values import sendable
-from flexbt_msgs.msg import PeerStatus
+from flexbt_msgs.msg import ExecutiveLog, PeerStatus
 
 LATE_SECONDS: Final = 2.0
 """A node that is late for so long is told of. On a busy computer all are late for a moment; the status shows it."""
@@ -35,25 +35,22 @@ class _Peer:
 class PeersWatch:
     """Watches nodes by name. Used on the executor thread, except where it says otherwise.
 
-    ``on_change`` is called with a node's name, whether it is alive now, and whether it had been seen before;
-    ``on_ready`` with a node's name when it has become ready, or is not any more, and whether that is a change:
-    it is none when it was late meanwhile; ``on_late`` with a node's name and '' when it is late, or is not any more,
-    and with the reason once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall time.
+    ``log(severity, text)`` tells operators when one has come or gone, or has become ready or is not any more (not when
+    it was late meanwhile), and why one is late, once in a spell of LATE_SECONDS; ``changed()`` follows whatever is
+    another thing for :meth:`statuses` or :meth:`unready`. ``timeout``: how long one may be late, s of wall time.
     """
 
     def __init__(
         self,
         runtime: NodeRuntime,
         names: Sequence[str],
-        on_change: Callable[[str, bool, bool], None],
-        on_ready: Callable[[str, bool, bool], None],
-        on_late: Callable[[str, str], None],
+        log: Callable[[int, str], None],
+        changed: Callable[[], None],
         timeout: float,
     ) -> None:
         self._runtime = runtime
-        self._on_change = on_change
-        self._on_ready = on_ready
-        self._on_late = on_late
+        self._log = log
+        self._tell_change = changed
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
         # On the executor thread, so that nothing is told before all of them are there.
         self._watches = runtime.call(lambda: self._watch(timeout))
@@ -63,7 +60,7 @@ class PeersWatch:
             LivelinessWatch(
                 self._runtime,
                 peer.name,
-                functools.partial(self._changed, peer),
+                functools.partial(self._alive_changed, peer),
                 functools.partial(self._ready_changed, peer),
                 functools.partial(self._late_changed, peer),
                 timeout,
@@ -114,14 +111,18 @@ class PeersWatch:
         """The names of those that are alive, and not ready: they are starting, or late. From any thread."""
         return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
-    def _changed(self, peer: _Peer, alive: bool) -> None:
+    def _alive_changed(self, peer: _Peer, alive: bool) -> None:
         if alive == peer.alive:
             return
-        seen_before = peer.alive is not None
+        again = '' if peer.alive is None else ' again'
         peer.alive, peer.since = alive, self._runtime.clock.stamp()
         peer.gone_at = self._runtime.steady.now()
         peer.told_ready = peer.told_ready and alive
-        self._on_change(peer.name, alive, seen_before)
+        if alive:
+            self._log(ExecutiveLog.INFO, f'{peer.name} is alive{again}')
+        else:
+            self._log(ExecutiveLog.ERROR, f'{peer.name} is not alive any more')
+        self._tell_change()
 
     def _late_changed(self, peer: _Peer, late: bool) -> None:
         if peer.tell_late is not None:
@@ -131,19 +132,23 @@ class PeersWatch:
             steady = self._runtime.steady
             told = functools.partial(self._runtime.post, functools.partial(self._tell_late, peer))
             peer.tell_late = steady.call_at(steady.now() + LATE_SECONDS, told)
-        self._on_late(peer.name, '')
+        self._tell_change()
 
     def _tell_late(self, peer: _Peer) -> None:
         watch = self._watch_of(peer)
         if watch.late:
-            self._on_late(peer.name, watch.problem)
+            self._log(ExecutiveLog.WARN, f'{peer.name} is late: {watch.problem}')
 
     def _ready_changed(self, peer: _Peer, ready: bool) -> None:
         peer.ready = ready
         watch = self._watch_of(peer)
         if ready or (watch.alive and not watch.late):  # that it is late or gone is told already
-            has_changed, peer.told_ready = ready != peer.told_ready, ready
-            self._on_ready(peer.name, ready, has_changed)
+            if ready and not peer.told_ready:
+                self._log(ExecutiveLog.INFO, f'{peer.name} is ready')
+            elif peer.told_ready and not ready:
+                self._log(ExecutiveLog.WARN, f'{peer.name} is alive, but not ready any more')
+            peer.told_ready = ready
+        self._tell_change()
 
     def _watch_of(self, peer: _Peer) -> LivelinessWatch:
         return self._watches[self._peers.index(peer)]

@@ -98,9 +98,8 @@ class Executive:
         peers = PeersWatch(
             runtime,
             parameters.peers,
-            self._peer_changed,
-            self._peer_ready,
-            self._peer_late,
+            lambda severity, text: report.log(severity, text, run_id=self.runs.run.run_id if self.runs.run else ''),
+            self._nodes_changed,
             parameters.peer_timeout,
         )
         clock_publishers = ClockPublishers(runtime, self._link.log, self._status.changed)
@@ -278,28 +277,10 @@ class Executive:
         self._report.event(event, run=self.runs.shown.run_id, **fields)
         self._status.changed()
 
-    def _peer_changed(self, name: str, alive: bool, seen_before: bool) -> None:
-        self._report.peer(name, alive, seen_before, self._run_id)
-        self._nodes_changed()
-
-    def _peer_late(self, name: str, problem: str) -> None:
-        if problem:
-            self._report.peer_late(name, problem, self._run_id)
-        self._nodes_changed()
-
-    def _peer_ready(self, name: str, ready: bool, has_changed: bool) -> None:
-        if has_changed:
-            self._report.peer_ready(name, ready, self._run_id)
-        self._nodes_changed()
-
     def _nodes_changed(self) -> None:
         if self.runs.run is not None:
             self.runs.run.nodes_changed()
         self._status.changed()
-
-    @property
-    def _run_id(self) -> str:
-        return self.runs.run.run_id if self.runs.run is not None else ''
 
 
 def open_executive(

@@ -14,7 +14,7 @@ from flexbt_testing.waiting import wait_until
 
 
 def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news() -> None:
-    told: list[tuple[str, object]] = []
+    told: list[str] = []
 
     def has_told(count: int) -> bool:
         return len(told) == count
@@ -24,13 +24,12 @@ def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news()
         watch = PeersWatch(
             runtime,
             ['watched'],
-            lambda name, alive, seen_before: told.append(('alive', alive)),
-            lambda name, ready, is_news: told.append(('ready', ready)) if is_news else None,
-            lambda name, problem: told.append(('late', name)) if problem else None,
+            lambda severity, text: told.append(text),
+            lambda: None,
             timeout=60.0,
         )
         other.call(lambda: LivelinessToken(other).set_ready(True))
-        wait_until(lambda: told == [('alive', True), ('ready', True)], lambda: told)
+        wait_until(lambda: told == ['/watched is alive', '/watched is ready'], lambda: told)
         for spell in (1, 2):
             goes_on = threading.Event()
             other.post(goes_on.wait)
@@ -40,5 +39,5 @@ def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news()
             finally:
                 goes_on.set()
             wait_until(lambda: runtime.call(watch.statuses)[0].ready, 'ready again')
-    assert told[2:4] == [('late', '/watched')] * 2
-    assert all(what != 'ready' for what, _ in told[2:]), told
+    assert all(text.startswith('/watched is late: ') for text in told[2:4]), told
+    assert not [text for text in told[4:] if 'ready' in text], told
