@@ -304,7 +304,7 @@ def test_a_parameter_of_a_type_that_does_not_exist_is_refused_in_words(service_t
         link = ServiceLinks(client).link(service_type, f'set/{name}')
 
         def results(*parameters: ParameterMessage) -> list[SetParametersResult]:
-            response = service_outcome(link, service_type.Request(parameters=parameters), DEADLINE).response
+            response: Any = service_outcome(link, service_type.Request(parameters=parameters), DEADLINE).response
             return list(response.results) if hasattr(response, 'results') else [response.result]
 
         refused = results(right, wrong)

@@ -195,8 +195,9 @@ def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tupl
     first: dict[tuple[str, tuple[str, ...], tuple[str, ...]], Literal] = {}
     for one in literals:
         predicate = library.predicates.get(one.predicate)
-        if one.positive and predicate is not None and predicate.exclusive in predicate.parameters:
-            place = list(predicate.parameters).index(predicate.exclusive)
+        exclusive = predicate.exclusive if predicate is not None else None
+        if one.positive and predicate is not None and exclusive is not None and exclusive in predicate.parameters:
+            place = list(predicate.parameters).index(exclusive)
             other = first.setdefault((one.predicate, one.arguments[:place], one.arguments[place + 1 :]), one)
             if other != one:
                 yield other, one

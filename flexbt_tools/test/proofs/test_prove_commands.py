@@ -255,7 +255,7 @@ def test_what_is_wrong_is_drawn_and_is_shown_by_the_replay_of_the_console(tmp_pa
     seen = []
     while player.time < player.duration:
         seen.append([node for node, status in _statuses(player) if status is NodeStatus.RUNNING])
-        player.step(1)
+        player.go_to(player.next_said(1))
     assert ['Parallel', 'Spin', 'Wait'] in [[one for one in running if one != 'Sequence'] for running in seen]
     assert {'Spin', 'BackUp'} <= {node for node, status in _statuses(player) if status is NodeStatus.RUNNING}
     assert player.mirror.log(1)[0].text == 'WRONG: base has two owners at once: Spin::2 and BackUp::5'

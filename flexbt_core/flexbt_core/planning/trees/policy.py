@@ -27,11 +27,9 @@ class Policy:
     Each branch leads to the goal or to an earlier branch, so from each state in which one holds the goal is reached, in
     as many actions as there are branches at most.
 
-    Args:
-        goals: conditions of which one has to hold in the end.
-        steps: as a search leaves them; the ``next`` of each is among them or a goal.
-        starts: conditions of which each has its branch, and so have all on the way from there to the goal; of the
-            others the MOST_BRANCHES cheapest have one.
+    Of the conditions ``goals`` one has to hold in the end. ``steps`` are as a search leaves them: the ``next`` of each
+    is among them or a goal. Of the conditions ``starts`` each has its branch, and so have all on the way from there to
+    the goal; of the others the MOST_BRANCHES cheapest have one.
     """
 
     def __init__(self, domain: Domain, goals: Iterable[int], steps: Mapping[int, Step], starts: Iterable[int]) -> None:
