@@ -78,8 +78,17 @@ ASCII: Final = Glyphs(
 )
 
 
+_COERCED: Final = frozenset({'C.UTF-8', 'C.utf8', 'UTF-8'})
+"""What Python makes of LC_CTYPE in the locale C (PEP 538)."""
+
+
 def glyphs() -> Glyphs:
-    """Those of this terminal: ASCII when FLEXBT_ASCII is set, and where the locale has no others."""
-    if os.environ.get('FLEXBT_ASCII') or 'utf' not in locale.getpreferredencoding(do_setlocale=False).lower():
-        return ASCII
-    return UNICODE
+    """Those of this terminal: ASCII when FLEXBT_ASCII is set, where the locale has no others, and for a terminal of
+    DEC's, which has none either."""
+    given = os.environ.get
+    character_type = given('LC_CTYPE', '')
+    # Python takes UTF-8 for C, also where somebody has asked for C (PEP 538 and 540).
+    asked = given('LC_ALL') or (character_type if character_type not in _COERCED else '') or given('LANG')
+    encoding = locale.getpreferredencoding(do_setlocale=False).lower()
+    is_ascii = asked in ('C', 'POSIX') or 'utf' not in encoding or given('TERM', '').startswith('vt')
+    return ASCII if given('FLEXBT_ASCII') or is_ascii else UNICODE

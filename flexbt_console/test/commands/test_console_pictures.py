@@ -27,7 +27,7 @@ from flexbt_console.mirror import (
     Trees,
     View,
 )
-from flexbt_console.pictures import ASCII, UNICODE, MapCanvas, width
+from flexbt_console.pictures import ASCII, UNICODE, Glyphs, MapCanvas, glyphs, width
 
 RUNNING, FAILURE, IDLE = NodeStatus.RUNNING, NodeStatus.FAILURE, NodeStatus.IDLE
 NODES = [
@@ -72,6 +72,31 @@ def shown(seen: SeenRobot, *words: str) -> Shown:
     check(line)
     assert line.spec is not None and isinstance(line.spec.action, Ask)
     return line.spec.action.ask(line, seen, 5.0, print)
+
+
+@pytest.mark.parametrize(
+    ('given', 'expected'),
+    [
+        ({}, UNICODE),  # as of a container, whose terminal is UTF-8
+        ({'LANG': 'de_DE.UTF-8'}, UNICODE),
+        ({'LANG': 'C'}, ASCII),
+        ({'LANG': 'C', 'LC_CTYPE': 'C.UTF-8'}, ASCII),  # as Python has changed it
+        ({'LANG': 'C', 'LC_CTYPE': 'de_DE.UTF-8'}, UNICODE),
+        ({'LANG': 'C', 'LC_ALL': 'C.UTF-8'}, UNICODE),
+        ({'LANG': 'de_DE.UTF-8', 'LC_ALL': 'POSIX'}, ASCII),
+        ({'LANG': 'de_DE.UTF-8', 'TERM': 'vt100'}, ASCII),
+        ({'FLEXBT_ASCII': '1'}, ASCII),
+    ],
+)
+def test_what_the_terminal_has_no_signs_for_is_drawn_in_ascii(
+    monkeypatch: pytest.MonkeyPatch, given: dict[str, str], expected: Glyphs
+) -> None:
+    for name in ('LANG', 'LC_ALL', 'LC_CTYPE', 'FLEXBT_ASCII'):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {'TERM': 'xterm', **given}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr('locale.getpreferredencoding', lambda do_setlocale: 'UTF-8')
+    assert glyphs() is expected
 
 
 def test_a_tree_is_shown_with_the_reasons_of_what_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
