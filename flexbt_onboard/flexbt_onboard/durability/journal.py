@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
-from weakref import WeakValueDictionary
+from weakref import WeakSet, WeakValueDictionary
 
 from flexbt_core.clock import Clock, watchdog
 from flexbt_onboard.errors import OnboardError
@@ -113,6 +113,18 @@ def await_closed(file: Path) -> None:
             )
 
 
+_held: Final[WeakSet[Journal]] = WeakSet()
+
+
+def _release_in_child() -> None:
+    """A process that a state has forked must not keep the journal from the next executive when ours is killed."""
+    for journal in tuple(_held):
+        journal.release_files()
+
+
+os.register_at_fork(after_in_child=_release_in_child)
+
+
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
@@ -150,7 +162,7 @@ class Journal:
             if file.exists():
                 self._read(file.read_bytes())
         except OSError as error:
-            self._release_files()
+            self.release_files()
             raise _unusable(file, error) from error
         self._thread = threading.Thread(target=self._write_all, name='journal', daemon=True)
         self._thread.start()
@@ -222,7 +234,7 @@ class Journal:
         try:
             self._write_until_closed()
         finally:
-            self._release_files()
+            self.release_files()
 
     def _write_until_closed(self) -> None:
         while True:
@@ -336,8 +348,10 @@ class Journal:
         if self._guard >= 0:
             os.close(self._guard)
         self._guard = descriptor
+        _held.add(self)
 
-    def _release_files(self) -> None:
+    def release_files(self) -> None:
+        """Close the files without a word to the disk: so others may have the journal."""
         for descriptor in (self._descriptor, self._guard):
             if descriptor >= 0:
                 os.close(descriptor)

@@ -561,3 +561,20 @@ def test_what_is_in_too_many_others_is_named() -> None:
 def test_nothing_else_is_read(plain: Any) -> None:
     with pytest.raises(FlexbtError):
         from_plain_form(plain)
+
+
+def test_a_process_that_was_forked_and_lives_on_does_not_keep_the_journal(tmp_path: Path, clock: SteadyClock) -> None:
+    journal = Journal(tmp_path / 'e.journal', no_problem, clock)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:  # as a worker of a state whose executive is killed
+        os.close(writing)
+        os.read(reading, 1)
+        os._exit(0)
+    try:
+        journal.close()
+        Journal(tmp_path / 'e.journal', no_problem, clock).close()
+    finally:
+        os.close(writing)
+        os.close(reading)
+        os.waitpid(child, 0)
