@@ -31,7 +31,7 @@ class ExecutiveSender:
 
     One that is silent is replaced by the next whose status is heard: it may have been started again, and the middleware
     needs long to see that a process was killed. When it is heard once more soon, it was late, and is the executive
-    again. One that answers a command, which the one that is heard has not, is the executive.
+    again. One that answers a STOP, which the one that is heard has not, is the executive.
 
     ``is_there`` says whether a participant of the domain still publishes statuses, ``is_silent`` whether the one that
     is shown should have been heard again by now; ``now`` is in seconds.
@@ -59,7 +59,7 @@ class ExecutiveSender:
         return self._is_silent() or not self._is_still_there()
 
     def follow(self, participant: bytes, *, answers: bool = False) -> Succession:
-        """A participant has sent a status that is the executive's, or that ``answers`` a command in its place."""
+        """A participant has sent a status that is the executive's, or that ``answers`` a STOP in its place."""
         before, self._participant = self._participant, participant
         if before == UNKNOWN_WRITER:
             return Succession.INSTEAD if self._early - {participant} else Succession.SAME

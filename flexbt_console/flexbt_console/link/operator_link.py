@@ -362,7 +362,7 @@ class OperatorLink:
             self._statuses.blame(received)
             return
         answers = not self._sender.has_sent(participant)
-        unanswered = self._mirror.passed_over_commands() if answers else frozenset()
+        unanswered = self._mirror.passed_over_stops() if answers else frozenset()
         if answers and not unanswered:
             return
         message = self._unpacked(received, ExecutiveStatus, self._status_topic)

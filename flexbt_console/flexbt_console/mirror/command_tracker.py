@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from .records import Command, ResultCode, Snapshot
+from .records import Command, CommandKind, ResultCode, Snapshot
 
 FIRST_RESEND: Final = 0.15
 """Seconds until an unanswered command is sent again; doubled each time."""
@@ -16,8 +16,9 @@ FIRST_RESEND: Final = 0.15
 LONGEST_RESEND: Final = 1.0
 """Seconds between two sends of the same command at most."""
 
-ANSWER_SECONDS: Final = 2.0
-"""So long after it was given, a status without its answer shows that a command did not get where the status is from."""
+ANSWER_SECONDS: Final = 3.0
+"""An executive answers a STOP before, whatever its behavior and its disk do (other commands wait for the behavior): so
+long after it was given, a status without the answer is not of the executive that has got it."""
 
 
 class CommandState(Enum):
@@ -79,8 +80,8 @@ class CommandTracker:
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
 
     def passed_over(self) -> frozenset[str]:
-        """Identifiers of the commands that wait for an answer, and which the executive that is shown seems not to have
-        got: its status came long after they were sent, without a result of theirs."""
+        """Identifiers of the stops that wait for an answer, and which the executive that is shown has not got: its
+        status came ANSWER_SECONDS after they were given, without a result of theirs."""
         return frozenset(tracked.command.id for tracked in self.pending() if tracked.is_passed_over)
 
     def due(self, now: float, reachable: bool = True) -> list[Command]:
@@ -124,7 +125,7 @@ class CommandTracker:
             if tracked.command.executive_id not in ('', snapshot.executive_id):
                 reason = 'the executive was restarted before it answered; see "status" for what runs now'
                 settled.append(self._settle(tracked, CommandState.TIMEOUT, reason, now))
-            elif tracked.sends and now - tracked.given > ANSWER_SECONDS:
+            elif tracked.command.kind is CommandKind.STOP and tracked.sends and now - tracked.given > ANSWER_SECONDS:
                 self._commands[tracked.command.id] = replace(tracked, is_passed_over=True)
         return settled
 

@@ -318,8 +318,8 @@ class Mirror:
         with self._lock:
             return self._on_clock(self._commands.next_due(reachable))
 
-    def passed_over_commands(self) -> frozenset[str]:
-        """Identifiers of the commands that the executive which is shown seems not to have got."""
+    def passed_over_stops(self) -> frozenset[str]:
+        """Identifiers of the stops that wait for an answer, and which the executive that is shown has not got."""
         with self._lock:
             return self._commands.passed_over()
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -95,6 +96,20 @@ def test_a_restarted_executive_does_not_get_the_old_command() -> None:
     mirror.receive_snapshot(Snapshot('f', 1))
     assert state(mirror, 'a') is CommandState.TIMEOUT
     assert mirror.due_commands(True) == []
+
+
+def test_a_stop_that_is_not_answered_in_time_was_not_got_by_who_is_shown() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 60.0)
+    mirror.give(replace(command('b'), kind=CommandKind.CONFIRM), 60.0)  # it waits for the behavior
+    assert len(mirror.due_commands(True)) == 2
+    for sequence, seconds in ((2, 2.9), (3, 0.2)):
+        assert mirror.passed_over_stops() == frozenset()
+        clock.advance(seconds)
+        mirror.receive_snapshot(answers(sequence))
+    assert mirror.passed_over_stops() == {'a'}
+    mirror.receive_snapshot(answers(4, ('a', ResultCode.APPLIED, '')))
+    assert mirror.passed_over_stops() == frozenset()
 
 
 def test_nothing_is_sent_to_nobody() -> None:
