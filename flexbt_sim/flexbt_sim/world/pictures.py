@@ -151,10 +151,8 @@ class _Drawing:
         for station in world.stations.values():
             self._shape(pen, Circle(max(0.1, station.model.reach)), station.pose, (200, 232, 200), (40, 140, 60))
             self._heading(pen, station.pose, 0.25, (40, 140, 60))
-        for name, place in world.places.items():
+        for place in world.places.values():
             self._shape(pen, Circle(4.0 / self._scale), place, (90, 90, 90), (90, 90, 90))
-            x, y = self._at((place.x, place.y))
-            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20, stroke_width=3, stroke_fill=_PAPER)
         return picture
 
     def _paste_map(self, picture: Image.Image, grid: OccupancyMap) -> None:
@@ -190,6 +188,9 @@ class _Drawing:
                 self._shape(pen, shape, pose, (222, 150, 80) if obstacle.is_mobile else (150, 130, 110), (90, 70, 50))
             else:
                 self._shape(pen, shape, pose, (70, 120, 200), (30, 60, 120))
+        for name, place in self._world.places.items():  # above the robots, which stand at places
+            x, y = self._at((place.x, place.y))
+            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20, stroke_width=3, stroke_fill=_PAPER)
         pen.text((12, 8), f'{frame.time:.1f} s', fill=(90, 90, 90), font_size=22, stroke_width=6, stroke_fill=_PAPER)
         return picture.resize((max(1, self._size[0] // _FINE), max(1, self._size[1] // _FINE)), Image.Resampling.BOX)
 

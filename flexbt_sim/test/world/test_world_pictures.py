@@ -55,6 +55,17 @@ def test_everything_is_where_it_is(yaw: float) -> None:
     assert seen['zone'][0] > seen['zone'][1] + 20
 
 
+def test_the_name_of_a_place_is_seen_also_when_a_robot_stands_there() -> None:
+    pictures = []
+    for places in ({}, {'dock': Pose(0.0, 0.0, 0.0)}):
+        world = World(places=places)
+        world.add('alpha', MODELS['waffle'], Pose(0.0, 0.0, 0.0))
+        picture = draw_world(world, pixels=1000)
+        x, y = picture.width // 2, picture.height // 2
+        pictures.append(picture.crop((x + 4, y - 11, x + 40, y - 4)).tobytes())
+    assert pictures[0] != pictures[1]
+
+
 def test_paths_driven_and_planned_are_drawn() -> None:
     world = World()
     robot = world.add('alpha', MODELS['burger'], Pose(0.0, 0.0, 0.0))
