@@ -19,6 +19,7 @@ class Loops(NamedTuple):
     regions: Callable[..., Any]
     search: Callable[..., Any]
     is_clear: Callable[..., Any]
+    nearest: Callable[..., Any]
     mean_cost: Callable[..., Any]
     trace: Callable[..., Any]
 

@@ -91,6 +91,16 @@ def is_clear(
     return True
 
 
+def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: float, reach: float) -> float:
+    """See :func:`.kernels.nearest`."""
+    bottom, left = max(0, math.floor(row - reach)), max(0, math.floor(column - reach))
+    part = (slice(bottom, max(0, math.ceil(row + reach))), slice(left, max(0, math.ceil(column + reach))))
+    rows, columns = numpy.nonzero(obstacles[part] & ~known[part] if only_new else obstacles[part])
+    up = numpy.maximum(numpy.maximum(rows + (bottom - row), row - bottom - 1.0 - rows), 0.0)
+    right = numpy.maximum(numpy.maximum(columns + (left - column), column - left - 1.0 - columns), 0.0)
+    return float(numpy.hypot(up, right).min(initial=math.inf))
+
+
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> float:
     """See :func:`.kernels.mean_cost`."""
     samples = max(1, math.ceil(8.0 * math.dist(start, end)))

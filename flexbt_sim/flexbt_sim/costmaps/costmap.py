@@ -214,11 +214,12 @@ class Costmap:
         return bool(self.inflation.corners) and self._touched(pose, on_map=True) > 0
 
     def _distance(self, x: float, y: float, within: float, on_map: bool | None = None) -> float:
-        row, column = self.world.grid_position(x, y)
-        rows, columns = self._cells_near(row, column, within / self.world.resolution + 1.0, on_map)
-        gaps = numpy.hypot(_gaps(rows, row), _gaps(columns, column))
-        least = float(gaps.min(initial=math.inf)) * self.world.resolution
-        return least if least < within else math.inf
+        world = self.world
+        obstacles = world.obstacles if on_map else self.obstacles
+        reach = within / world.resolution + 1.0
+        least = loops().nearest(obstacles, world.obstacles, on_map is False, *world.grid_position(x, y), reach)
+        distance = float(least) * world.resolution
+        return distance if distance < within else math.inf
 
     def _cells_near(
         self, row: float, column: float, reach: float, on_map: bool | None
@@ -249,8 +250,3 @@ class Costmap:
     def mean_cost(self, start: Position, end: Position) -> float:
         """Mean cost of the cells along a straight line between two positions on the map."""
         return float(loops().mean_cost(self.costs, start, end))
-
-
-def _gaps(cells: NDArray[numpy.int64], position: float) -> NDArray[numpy.float64]:
-    """How far cells are from a position along one axis."""
-    return numpy.maximum(numpy.maximum(cells - position, position - 1.0 - cells), 0.0)

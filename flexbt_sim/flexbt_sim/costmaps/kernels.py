@@ -240,6 +240,22 @@ def is_clear(
     return True
 
 
+def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: float, reach: float) -> Any:
+    """Distance from a position to the nearest obstacle in a square, ``reach`` to each side; infinite without one; in
+    cells. ``only_new``: to the nearest that is none of ``known``.
+    """
+    height, width = obstacles.shape
+    least = math.inf
+    for a in range(max(0, math.floor(row - reach)), min(height, math.ceil(row + reach))):
+        up = max(a - row, row - a - 1.0, 0.0)
+        if up * up < least:
+            for b in range(max(0, math.floor(column - reach)), min(width, math.ceil(column + reach))):
+                if obstacles[a, b] and not (only_new and known[a, b]):
+                    right = max(b - column, column - b - 1.0, 0.0)
+                    least = min(least, up * up + right * right)
+    return math.sqrt(least)
+
+
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> Any:
     """Mean of the costs of the cells along a straight line between two positions, in cells."""
     height, width = costs.shape

@@ -46,6 +46,15 @@ def test_gaps(data: st.DataObject, world: OccupancyMap, reach: int) -> None:
 
 
 @both
+@given(st.data(), worlds(), st.booleans(), st.floats(0.5, 20.0))
+def test_the_nearest_obstacle(data: st.DataObject, world: OccupancyMap, only_new: bool, reach: float) -> None:
+    known = numpy.random.default_rng(1).random(world.obstacles.shape) < 0.5
+    row, column = data.draw(st.floats(-3.0, world.height + 3.0)), data.draw(st.floats(-3.0, world.width + 3.0))
+    compiled = loops().nearest(world.obstacles, known, only_new, row, column, reach)
+    assert compiled == pytest.approx(arrays.nearest(world.obstacles, known, only_new, row, column, reach), rel=1e-12)
+
+
+@both
 @given(worlds(), st.integers(0, 2**32))
 def test_regions(world: OccupancyMap, seed: int) -> None:
     free = ~world.obstacles & (numpy.random.default_rng(seed).random(world.obstacles.shape) < 0.7)
