@@ -202,6 +202,13 @@ class Costmap:
         known = math.sqrt(self.squares[r, c]) / 2.0 - math.hypot(row - r - 0.5, column - c - 0.5)
         return known * world.resolution >= radius or self.clearance(x, y, radius) >= radius
 
+    def has_room(self, pose: Pose, radius: float) -> bool:
+        """Whether a circle of a radius, m, round a pose is on the map as a whole, and overlaps no obstacle."""
+        world, cells = self.world, radius / self.world.resolution
+        row, column = world.grid_position(pose.x, pose.y)
+        is_on_map = cells <= row <= world.height - cells and cells <= column <= world.width - cells
+        return is_on_map and self.is_free(pose.x, pose.y, radius)
+
     def clearance(self, x: float, y: float, within: float) -> float:
         """Distance from a point to the nearest obstacle, m, exactly; infinite where none is nearer than ``within``."""
         return self._distance(x, y, within)

@@ -95,6 +95,8 @@ def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -
     way = (
         abs(velocity.linear) + abs(velocity.angular) * (inflation.outer_radius if inflation.corners else 0.0)
     ) * seconds
+    if costmap.has_room(pose, inflation.outer_radius + way):
+        return False
     steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(way / world.resolution))
     overlap: float | None = None
     for step in range(1, steps + 1):

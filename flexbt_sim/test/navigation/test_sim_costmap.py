@@ -53,6 +53,20 @@ def test_a_collision_is_an_overlap_or_a_place_beside_the_map(
             assert costmap.in_collision(pose) == (beside or distance < inflation.robot_radius)
 
 
+@settings(deadline=None)
+@given(st.data(), worlds(), inflations, st.floats(0.01, 3.0))
+def test_room_is_a_circle_on_the_map_in_which_no_obstacle_is(
+    data: st.DataObject, world: OccupancyMap, inflation: Inflation, radius: float
+) -> None:
+    costmap = Costmap(world, inflation)
+    for pose in data.draw(st.lists(places(world, beside=1.0), min_size=10, max_size=10)):
+        row, column = (at * world.resolution for at in world.grid_position(pose.x, pose.y))
+        height, width = world.height * world.resolution, world.width * world.resolution
+        nearest = min(room(world, pose.x, pose.y), row, column, height - row, width - column)
+        if abs(nearest - radius) > 1e-6:
+            assert costmap.has_room(pose, radius) == (nearest > radius)
+
+
 @settings(deadline=None, max_examples=120)
 @given(st.data(), worlds(size=24), st.floats(0.0, 0.6))
 def test_a_clear_line_is_free_all_along_and_one_with_room_is_clear(
