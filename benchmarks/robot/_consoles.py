@@ -132,11 +132,13 @@ class Screen(Console):
         answer, unsent = f'{command}: applied'.encode(), b'nothing was sent'
         while not has_effect():  # a screen that scrolls draws answers from before, too
             begin = len(self._shown)
+
+            def is_answered(begin: int = begin) -> bool:
+                shown = self._shown[begin:]
+                return unsent in shown or (answer in shown and has_effect())
+
             os.write(self._terminal, self.KEYS[command])
-            self._wait(
-                lambda begin=begin: unsent in self._shown[begin:] or (answer in self._shown[begin:] and has_effect()),
-                f'{command} on the screen',
-            )
+            self._wait(is_answered, f'{command} on the screen')
 
 
 class Page(Console):
