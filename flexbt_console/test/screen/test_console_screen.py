@@ -902,6 +902,24 @@ def test_an_idle_screen_draws_nothing() -> None:
     on_screen(robot, steps)
 
 
+def test_a_heartbeat_that_tells_nothing_new_wakes_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=())
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        woken: list[None] = []
+        monkeypatch.setattr(app, '_wake', lambda: woken.append(None))
+        for second in range(20):
+            robot.show(stamp=10.0 + second)
+        assert woken == []
+        robot.show(message='something else')
+        robot.show(state=ExecutiveState.RUNNING)
+        robot.show(stamp=40.0)  # time goes on in its states
+        assert len(woken) == 3
+
+    on_screen(robot, steps)
+
+
 def test_without_colours_what_is_wrong_is_as_bright_as_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('NO_COLOR', '1')
     robot = Robot()

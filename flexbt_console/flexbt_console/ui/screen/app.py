@@ -12,6 +12,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Final, ParamSpec, Protocol
 
 from rich.text import Text
@@ -38,7 +39,7 @@ from flexbt_console.commands import (
     prompt_help,
 )
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Decision, Fleet, Mirror, RobotOverview, View
+from flexbt_console.mirror import Behavior, Change, Decision, Fleet, Mirror, RobotOverview, Snapshot, View
 from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
@@ -216,6 +217,7 @@ class OperatorScreen(App[None]):
         self._sent = SentCommands(clock)
         self._is_planned = False
         self._drawn_at = -math.inf
+        self._drawn: Snapshot | View | None = None
         self._zoomed = 0
         self._ageing: Timer | None = None
         self._is_quitting = False
@@ -298,6 +300,7 @@ class OperatorScreen(App[None]):
             self._ageing.stop()
         self._ageing = self.set_timer(AGE_SECONDS, self.draw)
         view = self._mirror.view()
+        self._drawn = self._at_rest(view)
         for told in self._sent.updates():
             self.tell(told)
         self._picking.drawn(view)
@@ -617,7 +620,18 @@ class OperatorScreen(App[None]):
     def _follow(self, mirror: Mirror) -> None:
         if mirror not in self._followed:
             self._followed.append(mirror)
-            mirror.add_listener(lambda change: self._wake() if mirror is self._mirror else None)
+            mirror.add_listener(lambda change: self._changed(mirror, change))
+
+    def _changed(self, mirror: Mirror, change: Change) -> None:
+        # A heartbeat that tells nothing new of a robot at rest waits for what time alone changes (AGE_SECONDS).
+        if mirror is self._mirror and not (change is Change.STATUS and self._at_rest(mirror.view()) == self._drawn):
+            self._wake()
+
+    @staticmethod
+    def _at_rest(view: View) -> Snapshot | View:
+        """What a robot at rest tells, without the number and the time of it; of another one all, which is never the
+        same."""
+        return view if view.running or view.snapshot is None else replace(view.snapshot, sequence=0, stamp=0.0)
 
     def _do_force(self, key: Key, view: View) -> None:
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
