@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
@@ -34,6 +34,7 @@ from flexbt_core.state_machine import (
     Severity,
     StateDefinition,
     UserData,
+    is_inside,
     races,
 )
 from flexbt_core.state_machine.engine import ContainerRun, HaltWait, Region
@@ -44,6 +45,7 @@ from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .model import START, STOP, TIMER, Answer, Label, servers_gone
 from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
+from .symmetry import interchangeable
 from .virtual_time import VirtualClock
 
 OUTCOME: Final = 'outcome'
@@ -147,7 +149,9 @@ class _Counted:
 class MachineSystem:
     """A machine on a clock of its own. ``models`` says what stands for a state; ``requirements`` are checked, too.
 
-    With ``reduces``, situations after a stop differ only in what has not halted yet.
+    With ``reduces``, situations after a stop differ only in what has not halted yet, and of children of a container
+    that are interchangeable, and in the same situation, one is followed (where nothing is required, which might be
+    about one of them).
     """
 
     def __init__(
@@ -189,15 +193,18 @@ class MachineSystem:
             monitor=self._monitor,
         )
         self._at_work: set[str] = set()
-        layout = Layout(
+        self._layout = Layout(
             wired=_WIRED,
             unseen=_UNSEEN,
             views=_VIEWS,
             idle={LeafRun: self._idle_leaf, ContainerRun: self._idle_container},
         )
         roots = (self._counted, self._run, self.clock, self._environment, self._monitor)
-        classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
-        self._memory = Memory(roots, self.clock, layout, classes)
+        self._classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
+        self._memory = Memory(roots, self.clock, self._layout, self._classes)
+        self._alike = interchangeable(self._definition) if reduces and not requirements else []
+        self._mirrored: list[Sequence[str]] = []  # now
+        self._mirrors: list[Sequence[str]] = []  # in the step that is under way
 
     @property
     def run(self) -> MachineRun:
@@ -207,11 +214,14 @@ class MachineSystem:
     # -- what an exploration needs -----------------------------------------------------------------------------------
 
     def capture(self) -> Configuration:
-        self._at_work = {'/', *(node.path for node in self._run.root.active()), *self._environment.ending}
-        self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
+        self._note_work()
         configuration = self._memory.capture()
         is_over = self._run.outcome is not None or (self._reduces and self._counted.is_stopped)
         return configuration.known_by(self._rest()) if is_over else configuration
+
+    def _note_work(self) -> None:
+        self._at_work = {'/', *(node.path for node in self._run.root.active()), *self._environment.ending}
+        self._at_work.update(one.coming.path for one in self._run.regions() if one.coming is not None)
 
     def _rest(self) -> Any:
         """What tells apart how it goes on once it was stopped, or has ended. Nothing is entered any more: what was left
@@ -272,7 +282,34 @@ class MachineSystem:
             labels += self._commands()
         if bounds.stops:
             labels.append(Label(STOP))
-        return labels
+        if not self._alike:
+            return labels
+        self._mirrored = list(self._same())
+        left_out = [path for _, *paths in self._mirrored for path in paths]
+        return [one for one in labels if not any(is_inside(one.subject, path) for path in left_out)]
+
+    def _same(self) -> Iterator[Sequence[str]]:
+        """What is interchangeable, and in the same situation. What is being canceled has its own time."""
+        self._note_work()
+        ending = self._environment.ending
+        regions = {
+            region.path: region
+            for region in reversed(list(self._run.regions()))  # that of a machine has its path, too, and comes after
+            if not any(is_inside(path, region.path) for path in ending)
+        }
+        for group in self._alike:
+            found: dict[bytes, list[str]] = {}
+            for region in (regions[path] for path in group if path in regions):
+                situation = Memory((region,), self.clock, self._layout, self._classes).capture().key
+                found.setdefault(situation, []).append(region.path)
+            yield from (paths for paths in found.values() if len(paths) > 1)
+
+    def _images(self, path: str) -> Iterator[str]:
+        """A path, and that of what would have been taken in its place by what was left out in this step."""
+        yield path
+        for one, *others in self._mirrors:
+            if is_inside(path, one):
+                yield from (f'{other}{path[len(one) :]}' for other in others)
 
     def answer(self, label: Label) -> Answer | None:
         state = self._environment.active.get(label.subject) if label.kind == OUTCOME else None
@@ -309,6 +346,7 @@ class MachineSystem:
         environment.begun = []
         self._found = []
         self._events = []
+        self._mirrors = [group for group in self._mirrored if is_inside(label.subject, group[0])]
         self._happen(label)
         wakes = 0
         while True:
@@ -445,7 +483,7 @@ class MachineSystem:
         """A state or machine was left."""
         self._events.append(f'{path} > {outcome or "(again)"} -> {target or "nothing follows it"}')
         if outcome:
-            self._taken.add(f'{path} > {outcome}')
+            self._taken.update(f'{one} > {outcome}' for one in self._images(path))
         if target.startswith('=') and path.count('/') == 1:
             self._taken.add(f'/ > {target[1:]}')
         for one in self._written:

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from random import Random
+from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -15,6 +17,9 @@ from flexbt_core.behavior_tree import TreeKey, TreeLibrary, builtin_registry, in
 from flexbt_core.behavior_tree.model import STRING, UINT16
 from flexbt_core.exploration import (
     Bounds,
+    Choices,
+    Configuration,
+    Label,
     Limits,
     MachineSystem,
     Operator,
@@ -22,12 +27,15 @@ from flexbt_core.exploration import (
     StateModel,
     TreeSystem,
     explore,
+    machine_system,
     state_model,
 )
-from flexbt_core.exploration.state_models import ModelState
+from flexbt_core.exploration.state_models import MachineEnvironment, ModelState, modelled
+from flexbt_core.exploration.symmetry import interchangeable
 from flexbt_core.monitors import MachineMonitor, Requirement, parse_requirement
 from flexbt_core.skills import Skill
 from flexbt_core.state_machine import (
+    ConcurrencyContainer,
     MachineDefinition,
     MachineError,
     OperatableStateMachine,
@@ -175,3 +183,169 @@ def test_situations_after_a_stop_differ_only_in_what_has_not_halted() -> None:
 def test_after_a_stop_no_requirement_is_waited_for() -> None:
     soon = parse_requirement('after /Out, /Home within 1 s', 'test').requirement
     assert 'error' in two_legs(soon).ends  # what ignores its cancel has all the time that the run waits for it
+
+
+def side_by_side(random: Random, number: int) -> MachineDefinition:
+    """So many robots that do the same: a random machine each, or a state."""
+    body = random.randrange(10**6)
+
+    def robot() -> OperatableStateMachine | Scripted:
+        own = Random(body)
+        return Scripted('x', 'y') if own.random() < 0.5 else build(random_machine(own, states=2))[0]
+
+    while True:
+        body += 1
+        robots = {label: robot() for label in 'ABC'[:number]}
+        outcomes = list(robots['A'].outcomes)
+        ends = [('x', [(label, outcomes[0])]) for label in robots]
+        if random.random() < 0.5:
+            ends = [('x', [(label, outcomes[0]) for label in robots])]
+        ends += [('y', [(label, outcome)]) for outcome in outcomes[1:] for label in robots]
+        both = ConcurrencyContainer(outcomes=['x', 'y'], conditions=ends)
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        try:
+            with both:
+                for label, one in robots.items():
+                    OperatableStateMachine.add(label, one)
+            with machine:
+                OperatableStateMachine.add('Robots', both, {'x': 'finished', 'y': 'failed'})
+            return define(machine)
+        except MachineError:
+            continue
+
+
+class Seen(MachineSystem):
+    """Notes in which situations it was, whichever of its robots is where."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.situations = set[tuple[str, ...]]()
+
+    def capture(self) -> Configuration:
+        places = (
+            re.sub(r'/(Robots/[ABC]|Fleet/Robot\d)', '/one', place)
+            for place in self.position().removeprefix('active: ').split(', ')
+        )
+        self.situations.add(tuple(sorted(places)))
+        return super().capture()
+
+
+def beside(seed: int, *, is_mirrored: bool) -> tuple[Report, set[tuple[str, ...]]]:
+    situations = set[tuple[str, ...]]()
+    random = Random(seed)
+    definition, bounds = side_by_side(random, random.choice([2, 3])), random.choice(BOUNDS)
+    resources = frozenset(['base'] if random.random() < 0.3 else [])
+
+    def model(state: StateDefinition) -> StateModel:
+        return replace(state_model(state), resources=resources, server='fleet')
+
+    def system() -> Seen:
+        made = Seen(definition, model, bounds)
+        made.situations = situations
+        return made
+
+    with patch.object(machine_system, 'interchangeable', interchangeable if is_mirrored else lambda machine: []):
+        return explore(system, '', limits=Limits(600, 300)), situations
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2, 4, 11, 19, 20, 23, 24, 37])  # small enough to be followed to their end
+def test_robots_that_do_the_same_are_followed_once(seed: int) -> None:
+    """What is found of one of them might be told of another one, at the same distance."""
+    mirrored, seen = beside(seed, is_mirrored=True)
+    without, all_seen = beside(seed, is_mirrored=False)
+    assert without.is_complete
+    assert seen == all_seen
+    assert mirrored.configurations <= without.configurations
+    nearest = [
+        {one.violation.property: len(one.moves) for one in reversed(report.counterexamples)}
+        for report in (mirrored, without)
+    ]
+    assert nearest[0] == nearest[1]
+    assert verdict(mirrored)[1:3] == verdict(without)[1:3]
+
+
+def fleet(number: int, *, reduces: bool) -> Seen:
+    """Robots that drive, look and return, each in a machine of its own."""
+    labels = [f'Robot{place}' for place in range(number)]
+    together = ConcurrencyContainer(
+        outcomes=['done', 'failed'],
+        conditions=[
+            ('done', [(label, 'done') for label in labels]),
+            *(('failed', [(label, 'failed')]) for label in labels),
+        ],
+    )
+    for label in labels:
+        robot = OperatableStateMachine(outcomes=['done', 'failed'])
+        with robot:
+            for state, following in (('Drive', 'Look'), ('Look', 'Return'), ('Return', 'done')):
+                OperatableStateMachine.add(state, Scripted('done', 'failed'), {'done': following, 'failed': 'failed'})
+        with together:
+            OperatableStateMachine.add(label, robot)
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        OperatableStateMachine.add('Fleet', together, {'done': 'finished', 'failed': 'failed'})
+    definition = define(machine)
+
+    def model(state: StateDefinition) -> StateModel:
+        return replace(state_model(state), server='BT server')
+
+    return Seen(definition, model, reduces=reduces)
+
+
+def test_of_a_fleet_of_robots_that_do_the_same_few_situations_are_left() -> None:
+    systems: list[Seen] = []
+
+    def explored(*, reduces: bool) -> tuple[Report, set[tuple[str, ...]]]:
+        systems.clear()
+
+        def make() -> Seen:
+            systems.append(fleet(2, reduces=reduces))
+            return systems[-1]
+
+        report = explore(make, '')
+        return report, set().union(*(one.situations for one in systems))
+
+    (reduced, seen), (without, all_seen) = explored(reduces=True), explored(reduces=False)
+    assert reduced.holds and without.holds and not reduced.uncovered
+    assert (reduced.ends.keys(), seen) == (without.ends.keys(), all_seen)
+    assert reduced.configurations < without.configurations
+
+
+@pytest.mark.parametrize('reduces', [True, False])
+def test_a_way_of_any_of_them_can_be_made(reduces: bool) -> None:
+    """As a saved test makes it, which may be older than that they are the same."""
+    system = fleet(2, reduces=reduces)
+    system.step(system.labels()[0], Choices())
+    subjects = {label.subject for label in system.labels()}
+    assert ('/Fleet/Robot1/Drive' in subjects) is not reduces
+    system.step(Label('outcome', '/Fleet/Robot0/Drive', 'done'), Choices())
+    assert '/Fleet/Robot1/Drive' in {label.subject for label in system.labels()}
+
+
+@pytest.mark.parametrize(
+    ('conditions', 'other', 'is_alike'),
+    [
+        ([('x', [('A', 'done'), ('B', 'done')]), ('y', [('A', 'other')]), ('y', [('B', 'other')])], '', True),
+        ([('y', [('B', 'other')]), ('y', [('A', 'other')]), ('x', [('A', 'done')]), ('x', [('B', 'done')])], '', True),
+        ([('x', [('A', 'done')]), ('y', [('A', 'other')])], '', False),
+        ([('x', [('A', 'done')]), ('y', [('B', 'done')]), ('y', [('A', 'other')]), ('y', [('B', 'other')])], '', False),
+        ([('x', [('A', 'done'), ('B', 'done')]), ('y', [('A', 'other')]), ('y', [('B', 'other')])], 'base', False),
+    ],
+)
+def test_interchangeable_is_what_is_the_same_and_ends_its_container_alike(
+    conditions: list[tuple[str, list[tuple[str, str]]]], other: str, is_alike: bool
+) -> None:
+    both = ConcurrencyContainer(outcomes=['x', 'y'], conditions=conditions)
+    with both:
+        for label in 'AB':
+            OperatableStateMachine.add(label, Scripted('done', 'other'))
+    machine = OperatableStateMachine(outcomes=['x', 'y'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'x': 'x', 'y': 'y'})
+
+    def model(state: StateDefinition) -> StateModel:
+        has = frozenset([other] if other and state.label == 'B' else [])
+        return replace(state_model(state), resources=has, server='')
+
+    modelled_machine = modelled(define(machine), model, MachineEnvironment(lambda violation: None))
+    assert interchangeable(modelled_machine) == ([('/Both/A', '/Both/B')] if is_alike else [])

@@ -61,7 +61,7 @@ def compare_behaviors(
 
     def make(version: Version) -> MachineSystem:
         models = state_models(version.used, {}, Blackboards.of(version.used, given))
-        return MachineSystem(version.machine, models, bounds)
+        return MachineSystem(version.machine, models, bounds, reduces=False)
 
     tell = named_progress('the machine', on_progress)
     return [*found, Compared(f'machine of {name}', compare(lambda: make(before), lambda: make(now), limits(), tell))]

@@ -168,7 +168,7 @@ def replay_behavior(
     bounds = Bounds(Operator(operator), forces, faults, autonomy)
     required = [parse_requirement(text, 'require').requirement for text in require]
     states = state_models(used, reports, boards)
-    return replay(lambda: MachineSystem(machine, states, bounds, required), moves_of(moves))
+    return replay(lambda: MachineSystem(machine, states, bounds, required, reduces=False), moves_of(moves))
 
 
 def named_progress(name: str, tell: Callable[[str, Progress], None] | None) -> Callable[[Progress], None] | None:
