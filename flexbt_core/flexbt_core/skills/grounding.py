@@ -62,13 +62,13 @@ def ground(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Liter
 
 
 def _check(library: SkillLibrary, start: Iterable[Literal], goal: Iterable[Literal]) -> None:
+    """Whether the library knows what they speak of; parts of the goal may exclude each other, as alternatives do."""
     said = {'start': start, 'goal': goal}
-    asked = [Skill(where, preconditions=tuple(literals)) for where, literals in said.items()]
-    _, problems = SkillLibrary.joined(asked, library.predicates.values(), types=library.types, objects=library.objects)
+    problems = [
+        f'{where}: {text}' for where, literals in said.items() for one in literals for text in library.problems_of(one)
+    ]
     if problems:
-        raise SkillError(
-            f'{at[1]}: {text}' if at[0] == 'skills' else f'{" ".join(at)}: {text}' for at, text in problems
-        )
+        raise SkillError(problems)
 
 
 class Grounding:

@@ -126,14 +126,14 @@ class SkillLibrary(Immutable):
                     yield (*at, 'parameters', name), f'{shown(kind)} is no type{hint(kind, known)}'
             yield from self._of_arguments(skill, (*at, 'arguments'))
             for literal in skill.preconditions:
-                yield from self._of_literal(literal, skill, (*at, 'preconditions'))
+                yield from (((*at, 'preconditions'), text) for text in self.problems_of(literal, skill.parameters))
             yield from (((*at, 'preconditions'), problem) for problem in self._at_once(skill))
             for name, outcome in skill.outcomes.items():
                 for literal in outcome.effects:
                     where = (*at, 'outcomes', name)
                     if literal.predicate == EQUAL:
                         yield where, f'{literal} cannot be an effect: no skill makes two objects one'
-                    yield from self._of_literal(literal, skill, where)
+                    yield from ((where, text) for text in self.problems_of(literal, skill.parameters))
 
     def _of_types(self) -> Iterator[tuple[At, str]]:
         for start in self.types:
@@ -168,26 +168,27 @@ class SkillLibrary(Immutable):
                     'leave out one of them'
                 )
 
-    def _of_literal(self, literal: Literal, skill: Skill, at: At) -> Iterator[tuple[At, str]]:
+    def problems_of(self, literal: Literal, parameters: Mapping[str, str] = MappingProxyType({})) -> Iterator[str]:
+        """What is wrong with a literal of objects, and of these parameters with their types."""
         if literal.predicate == EQUAL:
             wanted: list[str] = [ANYTHING, ANYTHING]
         elif literal.predicate in self.predicates:
             wanted = list(self.predicates[literal.predicate].parameters.values())
         else:
             missing = literal.predicate
-            yield at, f'{literal}: there is no predicate {shown(missing)}{hint(missing, self.predicates)}'
+            yield f'{literal}: there is no predicate {shown(missing)}{hint(missing, self.predicates)}'
             return
         if len(literal.arguments) != len(wanted):
-            yield at, f'{literal}: {literal.predicate} has {len(wanted)} arguments ({", ".join(wanted)})'
+            yield f'{literal}: {literal.predicate} has {len(wanted)} arguments ({", ".join(wanted)})'
             return
         for argument, kind in zip(literal.arguments, wanted, strict=True):
-            own = skill.parameters.get(argument) or self.objects.get(argument)
+            own = parameters.get(argument) or self.objects.get(argument)
             if own is None:
-                known = [*skill.parameters, *self.objects]
-                what = 'neither a parameter nor an object' if skill.parameters else 'no object'
-                yield at, f'{literal}: {shown(argument)} is {what}{hint(argument, known)}'
+                known = [*parameters, *self.objects]
+                what = 'neither a parameter nor an object' if parameters else 'no object'
+                yield f'{literal}: {shown(argument)} is {what}{hint(argument, known)}'
             elif not self.is_kind_of(own, kind):
-                yield at, f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
+                yield f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'
 
 
 def clashes(library: SkillLibrary, literals: Iterable[Literal]) -> Iterator[tuple[Literal, Literal]]:

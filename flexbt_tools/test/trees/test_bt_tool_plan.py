@@ -40,6 +40,13 @@ def test_the_example_of_the_page(mission: Path, tmp_path: Path) -> None:
     assert (printed.out, printed.err) == (tree.read_text(), '')
 
 
+def test_alternatives_of_a_goal_may_exclude_each_other(mission: Path) -> None:
+    assert tool('plan', str(mission), '--goal', 'cup_at(office) | cup_at(hall)').code == 0
+    both = tool('plan', str(mission), '--goal', 'cup_at(office) & cup_at(hall)')
+    assert (both.code, both.out) == (1, '')
+    assert 'can never hold at once' in both.err
+
+
 def test_the_call_of_the_page(
     mission: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
