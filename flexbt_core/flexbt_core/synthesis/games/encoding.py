@@ -25,7 +25,7 @@ class Encoding:
         self._variables = specification.variables
         self._bdd = _manager()
         self._bits: dict[Name, list[str]] = {}
-        for variable in specification.variables.values():
+        for _, variable in sorted(specification.variables.items()):  # those of a capability are beside each other
             self._declare(variable)
         self.true: Diagram = self._bdd.true
         self.false: Diagram = self._bdd.false
