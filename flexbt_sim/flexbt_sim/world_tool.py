@@ -7,6 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from flexbt_common.cli import HintingArgumentParser
 from flexbt_core.values import counted
 
 from .errors import SimulationError
@@ -30,7 +31,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='world_tool', description=__doc__)
+    parser = HintingArgumentParser(prog='world_tool', description=__doc__)
     commands = parser.add_subparsers(required=True)
     check = commands.add_parser('check', help='read a world file, and tell all that is wrong with it')
     draw = commands.add_parser('draw', help='draw the world as it is at the start')

@@ -17,7 +17,7 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message
 
 from flexbt_common import names
-from flexbt_common.cli import make_streams_safe
+from flexbt_common.cli import HintingArgumentParser, make_streams_safe
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import resolve_type
 from flexbt_console.commands import full_namespace
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='replay', description='Publish a recorded run for the console.')
+    parser = HintingArgumentParser(prog='replay', description='Publish a recorded run for the console.')
     parser.add_argument('file', metavar='FILE', type=Path, help='MCAP file of the recorder')
     parser.add_argument('--rate', type=_rate, default=1.0, help='times as fast as it was (default: 1)')
     parser.add_argument('--start', metavar='SECONDS', type=float, default=0.0, help='what was before is shown at once')

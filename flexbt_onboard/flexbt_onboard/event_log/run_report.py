@@ -10,7 +10,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexbt_common.cli import USER_DIRECTORY, abandon_stdout, home_path, make_streams_safe, report_full_output
+from flexbt_common.cli import (
+    USER_DIRECTORY,
+    HintingArgumentParser,
+    abandon_stdout,
+    home_path,
+    make_streams_safe,
+    report_full_output,
+)
 from flexbt_core.values import one_line, write_text
 
 from .event_log import newest_log, rotated
@@ -127,7 +134,7 @@ def _files(given: Sequence[str]) -> list[Path]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = HintingArgumentParser(
         prog='run_report', description='Figures of a run from the event log of its executive: the last run, or --run.'
     )
     parser.add_argument(

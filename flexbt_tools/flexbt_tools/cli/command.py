@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Protocol
 
-from flexbt_common.cli import abandon_stdout, make_streams_safe, report_full_output
+from flexbt_common.cli import HintingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
 from flexbt_core.values import lines
 from flexbt_tools.errors import ExitCode, ToolError
 
@@ -56,7 +56,7 @@ def _parser(
     program: str, description: str, commands: Sequence[tuple[str, Command, str]], exit_codes: Sequence[tuple[str, str]]
 ) -> argparse.ArgumentParser:
     codes = '\n'.join(f'  {code:4} {meaning}' for code, meaning in exit_codes)
-    parser = argparse.ArgumentParser(
+    parser = HintingArgumentParser(
         prog=program,
         description=description,
         epilog=f'exit codes:\n{codes}',

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
-from flexbt_common.cli import make_streams_safe
+from flexbt_common.cli import HintingArgumentParser, make_streams_safe
 from flexbt_common.interfaces import INTERFACES, ROLES, Kind
 from flexbt_tools.errors import ExitCode
 
@@ -59,7 +59,7 @@ def _namespace(text: str) -> str:
 def main(words: Sequence[str] | None = None) -> int:
     """Runs ``security_policy`` and gives its exit code."""
     make_streams_safe()
-    parser = argparse.ArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
+    parser = HintingArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
     parser.add_argument(
         'namespaces',
         nargs='*',
