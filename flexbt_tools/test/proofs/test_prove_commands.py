@@ -274,11 +274,11 @@ def test_what_is_wrong_in_a_machine_is_shown_with_what_the_operator_is_asked(tmp
     code, _, err = behavior('prove', str(machine), '--save-recording', str(recording))
     assert code == 1, err
     player = open_recording(recording)
-    player.find('1. start')
+    player.go_to(player.find('1. start'))
     view = player.mirror.view()
     assert view.structure is not None and [state.path for state in view.structure.states] == ['/', '/Go', '/Stay']
     assert (view.active_paths, [one.outcomes for one in view.decisions]) == (('/Go',), [('go',)])
-    player.find('WRONG: ')
+    player.go_to(player.find('WRONG: '))
     assert 'transitions without waiting' in player.mirror.log(1)[0].text
 
 
