@@ -79,14 +79,15 @@ class Simulator:
 
     def _set_periods(self) -> None:
         """Of messages, in steps. Each message costs every node that hears it a wake-up: most of what a simulation at
-        rest costs, in all processes. So poses at rest come together with messages of /clock."""
+        rest costs, in all processes. So poses at rest come with every second message of /clock. That itself has to come
+        more often than what others do by it, such as ticking a tree each 0.1 s."""
 
         def steps(rate: float) -> int:
             return max(1, round(1.0 / (rate * self.world.step_size)))
 
         self._steps_per_odom, at_rest = steps(self.parameters.odom_rate), steps(self.parameters.clock_rate)
         self._steps_per_clock = {True: min(self._steps_per_odom, at_rest), False: at_rest}
-        self._steps_per_rest = max(self._steps_per_odom, at_rest)
+        self._steps_per_rest = max(self._steps_per_odom, 2 * at_rest)
 
     def _compile(self) -> None:
         """In a thread of its own: the world would stand still for seconds."""

@@ -126,10 +126,10 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
         ),
         clock_rate=declare.real(
             'clock_rate',
-            10.0,
+            20.0,
             1.0,
             1000.0,
-            'rate of /clock and of poses while no robot is driven, Hz of simulated time; else that of odometry',
+            'rate of /clock while no robot is driven, Hz of simulated time (poses: half of it); else that of odometry',
         ),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),

@@ -98,12 +98,12 @@ def test_poses_and_clock_come_rarely_while_the_robot_is_at_rest_and_often_while_
     on_clock = simulator.runtime.call(
         lambda: node.create_subscription(Clock, names.CLOCK, lambda told: ticks.append(seconds_of(told.clock)), LOSSY)
     )
-    simulator.wait(lambda: min(gaps(simulator)) > 0.08 and min(gaps_of(ticks), default=0.0) > 0.08, 'a robot at rest')
+    simulator.wait(lambda: min(gaps(simulator)) > 0.08 and min(gaps_of(ticks), default=0.0) > 0.04, 'a robot at rest')
     assert min(gaps(simulator)) < 0.12
 
     def is_often() -> bool:
         simulator.drive(0.2)
-        return any(gap < 0.05 for gap in gaps(simulator)) and any(gap < 0.05 for gap in gaps_of(ticks))
+        return any(gap < 0.04 for gap in gaps(simulator)) and any(gap < 0.04 for gap in gaps_of(ticks))
 
     simulator.wait(is_often, 'poses and clock of a drive')
     simulator.runtime.call(lambda: node.destroy_subscription(on_clock))
