@@ -148,8 +148,10 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
     if not session.json:
         _print(session, Shown(None, command_result_lines(tracked)))
     starting = name == 'start'
-    executive_id = tracked.command.executive_id
-    run: list[str] = [] if starting else [run_before]
+    answer = session.mirror.view().snapshot
+    assert answer is not None
+    executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
+    run: list[str] = [] if starting else [answer.run_id]
 
     def end_of_run(view: View) -> Snapshot | None:
         snapshot = view.snapshot
