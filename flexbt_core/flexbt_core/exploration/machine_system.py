@@ -203,8 +203,8 @@ class MachineSystem:
         self._classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
         self._memory = Memory(roots, self.clock, self._layout, self._classes)
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
-        self._mirrored: list[Sequence[str]] = []  # now
-        self._mirrors: list[Sequence[str]] = []  # in the step that is under way
+        self._moved = ''
+        """What makes the step that is under way: the subject of its label."""
 
     @property
     def run(self) -> MachineRun:
@@ -284,8 +284,7 @@ class MachineSystem:
             labels.append(Label(STOP))
         if not self._alike:
             return labels
-        self._mirrored = list(self._same())
-        left_out = [path for _, *paths in self._mirrored for path in paths]
+        left_out = [path for _, *paths in self._same() for path in paths]
         return [one for one in labels if not any(is_inside(one.subject, path) for path in left_out)]
 
     def _same(self) -> Iterator[Sequence[str]]:
@@ -305,11 +304,19 @@ class MachineSystem:
             yield from (paths for paths in found.values() if len(paths) > 1)
 
     def _images(self, path: str) -> Iterator[str]:
-        """A path, and that of what would have been taken in its place by what was left out in this step."""
-        yield path
-        for one, *others in self._mirrors:
-            if is_inside(path, one):
-                yield from (f'{other}{path[len(one) :]}' for other in others)
+        """A path, and those where another one of what is interchangeable comes by a step like this one, which may be
+        after what was left out long before."""
+        found = [(path, self._moved)]
+        for group in self._alike:
+            found += [
+                (f'{other}{here[len(one) :]}', f'{other}{moved[len(one) :]}')
+                for here, moved in found
+                for one in group
+                if is_inside(here, one) and is_inside(moved, one)
+                for other in group
+                if other != one
+            ]
+        return (here for here, _ in found)
 
     def answer(self, label: Label) -> Answer | None:
         state = self._environment.active.get(label.subject) if label.kind == OUTCOME else None
@@ -346,7 +353,7 @@ class MachineSystem:
         environment.begun = []
         self._found = []
         self._events = []
-        self._mirrors = [group for group in self._mirrored if is_inside(label.subject, group[0])]
+        self._moved = label.subject
         self._happen(label)
         wakes = 0
         while True:

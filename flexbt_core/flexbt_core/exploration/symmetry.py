@@ -22,7 +22,7 @@ Group = tuple[str, ...]
 
 def interchangeable(machine: MachineDefinition) -> list[Group]:
     """Those of all containers in a machine of models, outermost first. None of them has a time of its own: of two that
-    are due at once, the first may end what the other is in."""
+    are due at once, the first may end what the other is in. Neither has one priority, which is the first one's."""
     return [group for node in machine.nodes() if isinstance(node, MachineDefinition) for group in _groups(node)]
 
 
@@ -59,6 +59,8 @@ def _shape(node: StateDefinition | MachineDefinition) -> Any:
             return node.path
         keys = set(state.input_keys), set(state.output_keys)
         return *around, *keys, state.model, state.is_instant, state.runs_while_blocked
+    if node.kind is StateKind.PRIORITY:
+        return node.path
     children: Mapping[str, Any] = {label: _shape(child) for label, child in node.children.items()}
     keys = set(node.input_keys), set(node.output_keys)
     return *around, *keys, node.kind, node.initial, set(node.defaults), _ends(node), children

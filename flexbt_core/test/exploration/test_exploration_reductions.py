@@ -39,6 +39,7 @@ from flexbt_core.state_machine import (
     MachineDefinition,
     MachineError,
     OperatableStateMachine,
+    PriorityContainer,
     StateDefinition,
     define,
 )
@@ -309,6 +310,39 @@ def test_of_a_fleet_of_robots_that_do_the_same_few_situations_are_left() -> None
     assert reduced.holds and without.holds and not reduced.uncovered
     assert (reduced.ends.keys(), seen) == (without.ends.keys(), all_seen)
     assert reduced.configurations < without.configurations
+
+
+def first_of_two(kind: type[OperatableStateMachine], *, reduces: bool) -> Report:
+    """The first that is done ends it, and one of them may be forced to search."""
+    both = ConcurrencyContainer(outcomes=['done'], conditions=[('done', [(label, 'done')]) for label in 'AB'])
+    for label in 'AB':
+        robot = kind(outcomes=['done'])
+        with robot:
+            for state, other in (('Drive', 'Search'), ('Search', 'Drive')):
+                OperatableStateMachine.add(state, Scripted('done', 'lost'), {'done': 'done', 'lost': other})
+        with both:
+            OperatableStateMachine.add(label, robot)
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Both', both, {'done': 'done'})
+    definition = define(machine)
+
+    def model(state: StateDefinition) -> StateModel:
+        return replace(state_model(state), outcomes=('done',), server='fleet')
+
+    bounds = Bounds(Operator.ALL, forces=1, stops=False)
+    return explore(lambda: MachineSystem(definition, model, bounds, reduces=reduces), '')
+
+
+@pytest.mark.parametrize(('kind', 'is_alike'), [(OperatableStateMachine, True), (PriorityContainer, False)])
+def test_what_one_of_them_comes_to_counts_for_each_unless_the_first_has_priority(
+    kind: type[OperatableStateMachine], is_alike: bool
+) -> None:
+    reduced, without = first_of_two(kind, reduces=True), first_of_two(kind, reduces=False)
+    assert reduced.uncovered == without.uncovered
+    assert '/Both/A/Search > done' not in without.uncovered
+    assert ('/Both/B/Search > done' in without.uncovered) is not is_alike
+    assert (reduced.configurations < without.configurations) is is_alike
 
 
 @pytest.mark.parametrize('reduces', [True, False])
