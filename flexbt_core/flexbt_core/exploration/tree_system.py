@@ -220,7 +220,8 @@ class TreeSystem:
         return [entry for _, entry in entries if id(entry) not in read]
 
     def _written_keys(self, unread: Iterable[Entry]) -> dict[str, tuple[str, ...]]:
-        """By the paths of the actions, the keys that they write and that something may read."""
+        """By the paths of the actions, the keys that they write and that something may read. A port of which only the
+        name is known may be an input."""
         quiet = set(map(id, unread))
         found = {}
         for node in self._tree.nodes:
@@ -228,7 +229,7 @@ class TreeSystem:
                 keys = (
                     node.port_values[name].key
                     for name, port in node.ports.items()
-                    if port.writable and name in node.port_values
+                    if port.writable and (port.declares or not port.readable) and name in node.port_values
                 )
                 entries = (node.blackboard.entry(key) for key in keys if key is not None)
                 found[node.path] = tuple(

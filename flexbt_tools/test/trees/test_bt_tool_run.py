@@ -208,6 +208,14 @@ def test_a_port_of_which_only_the_name_is_known_says_nothing_of_its_entry(
     assert done.code == 0, done
 
 
+def test_leaves_of_which_only_the_ports_names_are_known_are_not_said_to_write_at_once(tmp_path: Path) -> None:
+    plan = '<ComputePathToPose goal="{goal}" path="{path}"/>'
+    both = '<Parallel><Move to="{goal}"/><Look at="{goal}"/></Parallel>'
+    (tmp_path / 'tree.xml').write_text(document(f'Main: <Sequence>{plan}{both}</Sequence>'), encoding='utf-8')
+    done = tool('prove', '--quiet', str(tmp_path / 'tree.xml'))
+    assert done.code == 0, done
+
+
 def test_the_blackboard_has_the_types_of_the_ports() -> None:
     made, _ = mock_run(
         'Main: <Sequence><Drive to="{goal}" speed="{v}"/><Script code="{code}"/></Sequence>',
