@@ -121,10 +121,11 @@ class CheckStopStatus(StatefulAction):
         speed = max(abs(twist.linear.x), abs(twist.linear.y), abs(twist.angular.z))
         if not speed < self.get_input('velocity_threshold'):
             return self.fail(f'the robot moves, by {speed:.3f} m/s or rad/s')
+        now = self.clock.now()
         if self._since is None:
-            self._since = seconds_of(odometry.header.stamp) or self.clock.now()
+            self._since = min(seconds_of(odometry.header.stamp) or now, now)  # the sender's clock may be ahead
         end = self._since + self.get_input('duration_stopped') / 1000.0
-        if self.clock.now() >= end:
+        if now >= end:
             return NodeStatus.SUCCESS
         self.wake_at(end)
         return NodeStatus.RUNNING
@@ -152,9 +153,9 @@ class _Acceleration:
     def __init__(self, runtime: NodeRuntime) -> None:
         self.value = 0.0
         self._before: tuple[float, float] | None = None
-        runtime.node.create_subscription(Odometry, names.ODOM, self._subscribe, 10)
+        runtime.node.create_subscription(Odometry, names.ODOM, self._on_odometry, 10)
 
-    def _subscribe(self, odometry: Any) -> None:
+    def _on_odometry(self, odometry: Any) -> None:
         stamp = odometry.header.stamp
         now, speed = seconds_of(stamp), odometry.twist.twist.linear.x
         if self._before is not None and now > self._before[0]:

@@ -457,6 +457,10 @@ def test_the_robot_stands_or_bumps_into_something(world: World) -> None:
     wait_until(lambda: not leaves(world, '<IsStuck/>'), 'the robot to be free')
     # It stands since then, by the stamp: for years, not from this tick on.
     assert leaves(world, '<CheckStopStatus duration_stopped="1000000000"/>')
+    drive(13, 30.0)
+    wait_until(lambda: not leaves(world, stopped), 'the robot to drive')
+    drive(2_000_000_000, 0.0)  # by a clock that is ahead
+    wait_until(lambda: leaves(world, stopped), 'the robot to stand')
 
 
 @pytest.mark.parametrize(('canceling', 'leaf', 'server'), [
