@@ -111,7 +111,7 @@ EXECUTOR: Final = Use(
     ),
     'the stock executor takes about 0.15 ms of processor time longer for each callback, is woken by each message of '
     '/clock, leaves services without an answer to clients that are not discovered yet, and does not tell who has '
-    'written a message: floods of commands are not told from those of operators, ',
+    'written a message: floods of commands are not told from those of operators, nor names that others use',
 )
 ACTION_CLIENT: Final = Use(
     (Part(ActionClient, '_is_result_response_ready'), Part(ActionClient, '_is_status_ready')),

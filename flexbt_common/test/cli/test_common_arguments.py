@@ -27,13 +27,15 @@ def parser() -> HintingArgumentParser:
         ('check --zzz', 'tool check: error: unrecognized arguments: --zzz\n'),
         ('chek', "; did you mean 'check'?"),
         ('check --kind tre', "; did you mean 'tree'?"),
-        ('check --kind=x --strict more', "argument --kind: invalid choice: 'x' (choose from 'tree', 'machine')\n"),
+        ('check --kind=x --strict more', "argument --kind: invalid choice: 'x' (choose from "),
     ],
 )
 def test_what_may_have_been_meant_is_told(words: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         parser().parse_args(words.split())
-    assert ended.value.code == 2 and told in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert ended.value.code == 2 and told in err
+    assert err.count('did you mean') == told.count('did you mean')
 
 
 def test_what_is_right_is_taken() -> None:

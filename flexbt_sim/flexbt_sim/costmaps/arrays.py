@@ -98,7 +98,7 @@ def nearest(obstacles: Bools, known: Bools, only_new: bool, row: float, column: 
     rows, columns = numpy.nonzero(obstacles[part] & ~known[part] if only_new else obstacles[part])
     up = numpy.maximum(numpy.maximum(rows + (bottom - row), row - bottom - 1.0 - rows), 0.0)
     right = numpy.maximum(numpy.maximum(columns + (left - column), column - left - 1.0 - columns), 0.0)
-    return float(numpy.hypot(up, right).min(initial=math.inf))
+    return math.sqrt((up * up + right * right).min(initial=math.inf))
 
 
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> float:
