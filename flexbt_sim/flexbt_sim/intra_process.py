@@ -24,9 +24,6 @@ LINGER_SECONDS: Final = 1.0
 ones go the same way, s, so that none overtakes it. This is a time, no promise: a command that takes longer comes
 after the next one."""
 
-LOOK_SECONDS: Final = 1.0
-"""From one look at messages that nobody waits for to the next, s: that of the executor (node_executor.py)."""
-
 Key = tuple[str, type[Any]]
 """A topic by its full name, and the type of its messages."""
 
@@ -109,7 +106,7 @@ class IntraProcessPublisher:
 
 class IntraProcessMessages:
     """What is handed over on a topic, up to ``depth`` messages as bytes: ``on_message`` gets them as the executor of
-    ``runtime`` would call it, while ``is_awaited()``; at other times when somebody takes them, or about once a second.
+    ``runtime`` would call it, while ``is_awaited()``; at other times when somebody takes them.
     """
 
     def __init__(
@@ -120,7 +117,6 @@ class IntraProcessMessages:
         self._is_awaited = is_awaited
         self._messages: deque[Received] = deque(maxlen=depth)
         self._is_called = False
-        self._look_at = 0.0
 
     def put(self, data: bytes) -> None:
         """A message has come. From any thread."""
@@ -136,7 +132,5 @@ class IntraProcessMessages:
 
     def _heed(self) -> None:
         self._is_called = False
-        now = time.monotonic()
-        if self._is_awaited() or now >= self._look_at:
-            self._look_at = now + LOOK_SECONDS
+        if self._is_awaited():
             self.take()

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any
+from time import monotonic
+from typing import Any, Final
 
 from rclpy.qos import QoSProfile
 
@@ -13,13 +15,17 @@ from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import MESSAGE
 from flexbt_sim.intra_process import IntraProcessMessages, IntraProcessTopics
 
+LOOK_SECONDS: Final = 0.9
+"""After which a message is heard that nobody needs, s of wall time: less than from one look of the executor to the next
+(node_executor.py), so at each of them."""
+
 
 class Demand:
     """On the executor thread.
 
     Poses and scans are needed at once while a goal goes on, and while one of ``reasons`` gives True. At other times
-    they would only wake the node: they stay with the middleware, as many as the queues take, until :meth:`take` or
-    until the executor looks, about once a second (node_executor.py).
+    they would only wake the node: they stay with the middleware, as many as the queues take, until :meth:`take`, and
+    for LOOK_SECONDS at most: by what is heard then one knows that somebody else drives the robot.
     """
 
     def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics) -> None:
@@ -35,15 +41,24 @@ class Demand:
         self, message_type: type[Any], topic: str, qos: QoSProfile, on_message: Callable[[Received], object]
     ) -> None:
         """Have ``on_message`` called for what comes on a topic, of as many bytes as a message may have."""
-        node = self._runtime.node
+        node, heard = self._runtime.node, -math.inf
+
+        def hear(received: Received) -> None:
+            nonlocal heard
+            heard = monotonic()
+            on_message(received)
+
+        def is_awaited() -> bool:
+            return self._look() or monotonic() - heard >= LOOK_SECONDS
+
         name = node.resolve_topic_name(topic)
         if self._in_process.is_offered(name, message_type):
-            messages = IntraProcessMessages(self._runtime, qos.depth, on_message, self._look)
+            messages = IntraProcessMessages(self._runtime, qos.depth, hear, is_awaited)
             self._in_process.receive(name, message_type, messages.put)
             self._messages.append(messages)
         else:
             self._messages.append(
-                ReceivedMessages(node, message_type, topic, qos, on_message, MESSAGE, is_awaited=self._look)
+                ReceivedMessages(node, message_type, topic, qos, hear, MESSAGE, is_awaited=is_awaited)
             )
 
     def take(self) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -11,13 +12,14 @@ from unittest.mock import Mock
 import numpy
 import pytest
 from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus, ServedGoal
-from flexbt_common.runtime import Received, reports_writers
+from flexbt_common.runtime import NodeRuntime, Received, reports_writers
 from flexbt_common.values import duration_message, seconds_of, time_message
 from flexbt_sim.ros_messages import transform
 from flexbt_sim.server_common import (
@@ -30,7 +32,7 @@ from flexbt_sim.server_common.costmap_server import CostmapServer
 from flexbt_sim.world import OccupancyMap, Pose
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line, open_world, pose, without_faults
-from flexbt_testing.waiting import DEADLINE, uncontended_time
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 
 @pytest.fixture(scope='module')
@@ -101,6 +103,29 @@ def test_poses_of_a_robot_at_rest_are_heard_when_somebody_asks(
     assert uncontended_time() - began < 10.0, 'more than one a second'
     goal.cancel()
     assert goal.wait().status is GoalStatus.CANCELED
+
+
+def test_who_has_nothing_to_do_sees_that_somebody_else_drives_the_robot() -> None:
+    heard, places = list[Pose](), itertools.count(1)
+    with (
+        without_faults('robot_interface', parameters={'pose_topic': 'driven'}) as runtime,
+        NodeRuntime.open('driver') as driver,
+    ):
+        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        robot.on_pose.append(lambda where, _time: heard.append(where))
+        poses = driver.call(lambda: driver.node.create_publisher(PoseStamped, 'driven', 1))
+
+        def is_seen_at_rest() -> bool:
+            poses.publish(pose((0.0, 0.0)))
+            return len(heard) > 1
+
+        def is_seen_moving() -> bool:
+            poses.publish(pose((next(places), 0.0)))
+            return runtime.call(robot._demand._look)
+
+        wait_until(is_seen_at_rest, 'the robot at rest')
+        assert not runtime.call(robot._demand._look)
+        wait_until(is_seen_moving, 'the robot that is driven')
 
 
 def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> None:
