@@ -30,7 +30,8 @@ MOST_BEAMS: Final = 720
 """Beams of a scan that are kept; of more, every so many."""
 
 SCAN_SECONDS: Final = 3.0
-"""A scan that is older, and older than three periods, is not shown any more."""
+"""A scan that is older, and older than three periods, and than when the next one was to be there, is not shown any
+more."""
 
 SAME_RANGE: Final = 0.1
 """Metres by which a beam may differ, by its noise, and all is as it was."""
@@ -140,9 +141,10 @@ class ScanLink:
         before = self._shown
         try:
             where = self._frames.lookup(self._map_frame(), scan.header.frame_id, seconds_of(scan.header.stamp))
-            self._mirror.receive_scan(self._points(scan, where), max(SCAN_SECONDS, 3.0 * self._period))
+            points = self._points(scan, where)
             if self._shown is before:
                 period *= 2.0 if self._mirror.view().running else 4.0
+            self._mirror.receive_scan(points, max(SCAN_SECONDS, 3.0 * self._period, period + self._period))
         except (TransformError, ValueError) as error:
             if steady.now() < self._expires_at:
                 if not (isinstance(error, TransformError) and error.is_early):

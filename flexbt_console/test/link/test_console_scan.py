@@ -21,7 +21,7 @@ from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.link import SurroundingsFeed, SurroundingsLink
-from flexbt_console.link.scan_link import SCAN_SECONDS
+from flexbt_console.link.scan_link import SCAN_SECONDS, ScanLink
 from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose
 from flexbt_console.pictures import ASCII
 from flexbt_console.ui.screen.map_pane import MapPane
@@ -76,11 +76,13 @@ class Lidar:
 class CountingMirror(Mirror):
     scans = 0
     received: tuple[Points, ...] = ()
+    held = 0.0
 
     def receive_scan(self, scan: Points, seconds: float) -> None:
         super().receive_scan(scan, seconds)
         self.scans += 1
         self.received += (scan,)
+        self.held = seconds
 
 
 @dataclasses.dataclass
@@ -166,6 +168,26 @@ def test_a_scan_that_is_none_is_left_aside(robot_and_console: tuple[Lidar, Conso
         lidar.scan(**fields)
     assert until_shown(lidar, console, 5.0, 2.0) != ()
     assert all(math.isfinite(part) for scan in console.mirror.received for point in scan for part in point)
+
+
+def test_a_scan_that_stays_the_same_is_shown_until_the_next_one_is_looked_at() -> None:
+    mirror, period = CountingMirror(ManualClock()), 100.0
+    with NodeRuntime.open('robot') as far, NodeRuntime.open('console') as near:
+        lidar = far.call(lambda: Lidar(far))
+        link = near.call(lambda: ScanLink(near, mirror, '/robot', period, lambda: 'map'))
+        wait_until(lambda: lidar.is_heard, 'the console')
+
+        def is_received() -> bool:
+            lidar.move_to(5.0)
+            lidar.scan(2.0)
+            return bool(mirror.held)
+
+        for at_least in (period, 4.0 * period):
+            wait_until(is_received, 'the scan')
+            assert mirror.held > at_least
+            mirror.held = 0.0
+            near.call(link._ask)
+        near.call(link.close)
 
 
 @pytest.mark.parametrize('field', ['transforms[0].child_frame_id', 'header.frame_id'])
