@@ -16,6 +16,9 @@ FIRST_RESEND: Final = 0.15
 LONGEST_RESEND: Final = 1.0
 """Seconds between two sends of the same command at most."""
 
+_DOUBLINGS: Final = 10
+"""After which the time between two sends is the longest; a command may wait for its answer for hours."""
+
 ANSWER_SECONDS: Final = 3.0
 """An executive answers a STOP before, whatever its behavior and its disk do (other commands wait for the behavior): so
 long after it was given, a status without the answer is not of the executive that has got it."""
@@ -94,7 +97,7 @@ class CommandTracker:
             if now >= tracked.deadline:
                 self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
             elif reachable and now >= tracked.next_send:
-                wait = min(FIRST_RESEND * 2.0**tracked.sends, LONGEST_RESEND)
+                wait = min(FIRST_RESEND * 2.0 ** min(tracked.sends, _DOUBLINGS), LONGEST_RESEND)
                 self._commands[tracked.command.id] = replace(tracked, sends=tracked.sends + 1, next_send=now + wait)
                 send.append(tracked.command)
         return send

@@ -19,6 +19,7 @@ from flexbt_console.mirror import (
     Snapshot,
     Transit,
 )
+from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_core.clock import ManualClock
 
 
@@ -110,6 +111,14 @@ def test_a_stop_that_is_not_answered_in_time_was_not_got_by_who_is_shown() -> No
     assert mirror.passed_over_stops() == {'a'}
     mirror.receive_snapshot(answers(4, ('a', ResultCode.APPLIED, '')))
     assert mirror.passed_over_stops() == frozenset()
+
+
+def test_a_command_that_waits_for_hours_is_sent_all_the_time() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 36_000.0)
+    for _ in range(1100):
+        assert len(mirror.due_commands(True)) == 1
+        clock.advance(LONGEST_RESEND)
 
 
 def test_nothing_is_sent_to_nobody() -> None:
