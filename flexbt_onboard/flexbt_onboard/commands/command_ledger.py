@@ -96,7 +96,9 @@ class CommandLedger:
         known = self._entries.get(command.id)
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):
-            if excess:
+            if excess and command.kind == ExecutiveCommand.STOP:
+                self._admit(_bare_stop(command, excess), writer)
+            elif excess:
                 self._refuse_unkept(command, excess)
             else:
                 self._admit(command, writer)  # a status now would only hold up its effect
@@ -182,3 +184,9 @@ class CommandLedger:
             if oldest is None:
                 return
             del self._entries[oldest]
+
+
+def _bare_stop(command: ExecutiveCommand, excess: str) -> ExecutiveCommand:
+    """A STOP of which something is too large: it stops all the same, and the rest of what it says is left out."""
+    operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
+    return ExecutiveCommand(id=command.id, stamp=command.stamp, kind=command.kind, operator_id=operator, reason=excess)

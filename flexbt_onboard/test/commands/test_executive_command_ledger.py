@@ -175,8 +175,9 @@ def test_of_a_command_that_is_too_large_nothing_is_kept(tmp_path: Path) -> None:
     books = Books(directory=str(tmp_path))
     large = 'x' * 1_000_000
     books.ledger.receive(ExecutiveCommand(id=large, kind=STOP))
-    books.ledger.receive(ExecutiveCommand(id='a', kind=STOP, reason=large, operator_id=large))
-    assert (books.results(), books.effects) == ([('a', R)], [])
+    books.ledger.receive(ExecutiveCommand(id='a', kind=START, reason=large, operator_id=large))
+    books.ledger.receive(ExecutiveCommand(id='b', kind=STOP, reason=large, operator_id=large))
+    assert (books.results(), books.effects) == ([('a', R), ('b', A)], ['b'])
     assert 'at most 128' in books.ledger.results()[0].reason
     books.journal.close()
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 1000

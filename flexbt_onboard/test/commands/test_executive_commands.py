@@ -169,14 +169,20 @@ def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
     assert bench.entered == ['/A', '/A']
 
 
-@pytest.mark.parametrize('run_id', ['', 'of a forger'])
-def test_a_stop_stops_what_runs_whatever_its_sender_believes(bench: LoopBench, run_id: str) -> None:
+@pytest.mark.parametrize(
+    ('said', 'logged'),
+    [
+        ({'run_id': ''}, 'stopped by'),
+        ({'run_id': 'of a forger', 'executive_id': 'of a forger'}, 'has seen another run'),
+        ({'reason': 'x' * 5000, 'operator_id': 'ann'}, 'ann: reason has at most 1000 characters, not 5000'),
+    ],
+)
+def test_a_stop_stops_what_runs_whatever_it_says(bench: LoopBench, said: dict[str, str], logged: str) -> None:
     bench.start()
     bench.decision('/A')
-    bench.applied(STOP, run_id=run_id, executive_id=run_id)
+    bench.applied(STOP, **said)
     assert bench.wait_idle() == 'preempted'
-    if run_id:
-        bench.logged('has seen another run')
+    bench.logged(logged)
 
 
 @pytest.mark.parametrize(
