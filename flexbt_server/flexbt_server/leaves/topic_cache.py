@@ -105,7 +105,8 @@ class TopicCaches:
     def subscribe(self, topics: Iterable[SubscribedTopic]) -> None:
         """Subscribe to topics before anybody reads them, so that what is said until then is known; to no more than are
         kept. From any thread."""
-        for topic in islice(topics, MOST_TOPICS):
+        wanted = {(topic.message_type, topic.name, str(topic.qos)): topic for topic in topics}
+        for topic in islice(wanted.values(), MOST_TOPICS):
             self._runtime.post(partial(self._subscribe, topic))
 
     def _subscribe(self, topic: SubscribedTopic) -> None:

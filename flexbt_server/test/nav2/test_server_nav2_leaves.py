@@ -397,7 +397,7 @@ def test_the_pose_of_the_robot_in_any_frame(world: World) -> None:
     ('<IsBatteryCharging/>', BatteryState, '/battery_status'),
     ('<SpeedController><CheckStopStatus/></SpeedController>', Odometry, names.ODOM),
     ('<GoalUpdater input_goal="{goal}"><AlwaysSuccess/></GoalUpdater>', PoseStamped, 'goal_update'),
-    ('<SmootherSelector topic_name="smooth" default_smoother="s"/>', String, 'smooth'),
+    (f'<Sequence>{100 * "<IsBatteryCharging/>"}<SmootherSelector topic_name="smooth"/></Sequence>', String, 'smooth'),
 ])  # fmt: skip
 def test_what_a_loaded_tree_asks_for_is_heard_before_it_runs(world: World, leaf: str, kind: Any, topic: str) -> None:
     runtime = world.client.runtime
