@@ -15,6 +15,7 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Callable, Coroutine, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from time import monotonic
@@ -24,6 +25,7 @@ from typing import Any, Final
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient, ActionServer
 from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -195,7 +197,11 @@ class InsistentService:
             self._service.send_response(response, header)
             pause = next(pauses, None) if monotonic() - began >= UNSENT_SECONDS else None
             if pause is not None:
-                self._later(pause, send)
+                self._later(pause, send_again)
+
+        def send_again() -> None:
+            with suppress(InvalidHandle):  # the service is gone by now
+                send()
 
         send()
 

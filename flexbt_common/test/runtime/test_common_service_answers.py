@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -12,6 +12,8 @@ from std_srvs.srv import Trigger
 
 from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, rclpy_private
+from flexbt_common.runtime.rclpy_private import UNSENT_SECONDS, InsistentService
+from flexbt_core.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
@@ -20,9 +22,7 @@ from flexbt_testing.waiting import DEADLINE, wait_until
 )
 @pytest.mark.parametrize('unsent', [1, 3, 99])
 def test_an_answer_that_was_left_unsent_is_sent_again_for_a_while(unsent: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rclpy_private, 'UNSENT_SECONDS', 0.02)
-    monkeypatch.setattr(rclpy_private, 'AGAIN_SECONDS', (0.01, 0.01, 0.01))
-    real = Service.send_response
+    real, clock = Service.send_response, ManualClock()
     sent: list[Any] = []
 
     def send(service: Service, response: Any, header: Any) -> None:
@@ -34,15 +34,37 @@ def test_an_answer_that_was_left_unsent_is_sent_again_for_a_while(unsent: int, m
         if len(sent) > unsent:
             real(service, response, header)
         else:
-            time.sleep(0.02)
+            clock.advance(2.0 * UNSENT_SECONDS)
 
-    monkeypatch.setattr(Service, 'send_response', send)
     with NodeRuntime.open('server') as server, NodeRuntime.open('client') as client:
         server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
         link = ServiceLinks(client).link(Trigger, 'answer')
+        assert service_outcome(link, Trigger.Request(), DEADLINE).response is not None  # they know each other by now
+        monkeypatch.setattr(rclpy_private, 'AGAIN_SECONDS', (0.01, 0.01, 0.01))
+        monkeypatch.setattr(rclpy_private, 'monotonic', clock.now)
+        monkeypatch.setattr(Service, 'send_response', send)
         if unsent < 99:
             assert service_outcome(link, Trigger.Request(), DEADLINE).response is not None
             assert len(sent) == unsent + 1
         else:
             assert service_outcome(link, Trigger.Request(), 0.5).response is None
             wait_until(lambda: len(sent) == 4, 'the last attempt')
+
+
+def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    again: list[Callable[[], object]] = []
+    sent: list[Any] = []
+
+    def send(service: Service, response: Any, _header: Any) -> None:
+        with service.handle:
+            sent.append(response)
+
+    monkeypatch.setattr(rclpy_private, 'UNSENT_SECONDS', 0.0)
+    monkeypatch.setattr(Service, 'send_response', send)
+    with NodeRuntime.open('server') as server:
+        service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
+        insistent = InsistentService(service, lambda _seconds, fn: again.append(fn))
+        server.call(lambda: insistent.send_response(Trigger.Response(), None))
+        server.call(lambda: server.node.destroy_service(service))
+        server.call(again[0])
+    assert len(sent) == len(again) == 1
