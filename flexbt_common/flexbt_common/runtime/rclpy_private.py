@@ -172,6 +172,9 @@ UNSENT_SECONDS: Final = 0.09
 AGAIN_SECONDS: Final = (0.2, 0.5, 1.0, 3.0)
 """After how long an answer that may be unsent is sent again, s of wall time. A client ignores one that it has."""
 
+MOST_UNSENT: Final = 4
+"""So many answers of a service are sent again at the same time; each attempt holds the executor up for 0.1 s."""
+
 
 class InsistentService:
     """A service as the executor sees it, whose answers are sent until there is somebody to get them.
@@ -187,23 +190,35 @@ class InsistentService:
         self.callback = service.callback
         self._service = service
         self._later = later
+        self._unsent = 0
 
     def send_response(self, response: Any, header: Any) -> None:
         """As that of rclpy, from the thread of the executor."""
+        if self._is_sent(response, header) or self._unsent == MOST_UNSENT:
+            return
+        self._unsent += 1
         pauses = iter(AGAIN_SECONDS)
 
-        def send() -> None:
-            began = monotonic()
-            self._service.send_response(response, header)
-            pause = next(pauses, None) if monotonic() - began >= UNSENT_SECONDS else None
-            if pause is not None:
+        def send_later() -> None:
+            pause = next(pauses, None)
+            if pause is None:
+                self._unsent -= 1
+            else:
                 self._later(pause, send_again)
 
         def send_again() -> None:
             with suppress(InvalidHandle):  # the service is gone by now
-                send()
+                if not self._is_sent(response, header):
+                    send_later()
+                    return
+            self._unsent -= 1
 
-        send()
+        send_later()
+
+    def _is_sent(self, response: Any, header: Any) -> bool:
+        began = monotonic()
+        self._service.send_response(response, header)
+        return monotonic() - began < UNSENT_SECONDS
 
 
 class OpenExecutor(SingleThreadedExecutor):

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, rclpy_private
-from flexbt_common.runtime.rclpy_private import UNSENT_SECONDS, InsistentService
+from flexbt_common.runtime.rclpy_private import AGAIN_SECONDS, MOST_UNSENT, UNSENT_SECONDS, InsistentService
 from flexbt_core.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -68,3 +68,19 @@ def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: 
         server.call(lambda: server.node.destroy_service(service))
         server.call(again[0])
     assert len(sent) == len(again) == 1
+
+
+def test_of_many_answers_that_nobody_gets_only_some_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    again: list[Callable[[], object]] = []
+    sent: list[Any] = []
+    monkeypatch.setattr(rclpy_private, 'UNSENT_SECONDS', 0.0)
+    monkeypatch.setattr(Service, 'send_response', lambda _service, response, _header: sent.append(response))
+    with NodeRuntime.open('server') as server:
+        service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
+        insistent = InsistentService(service, lambda _seconds, fn: again.append(fn))
+        for round_of in range(1, 3):  # after the last attempt there is room for others
+            for _ in range(20):
+                insistent.send_response(Trigger.Response(), None)
+            while again:
+                again.pop(0)()
+            assert len(sent) == round_of * (20 + MOST_UNSENT * len(AGAIN_SECONDS))

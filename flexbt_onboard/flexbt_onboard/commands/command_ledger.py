@@ -9,6 +9,7 @@ decided before a restart of the executive is remembered from the journal.
 from __future__ import annotations
 
 import time
+import uuid
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -91,8 +92,10 @@ class CommandLedger:
     def receive(self, command: ExecutiveCommand, writer: bytes = b'') -> None:
         """Take a command in, whatever it is; its result is part of the status. ``writer`` has sent it, b'': unknown."""
         if not 0 < len(command.id) <= COMMAND_LENGTHS['id']:
-            self._ignore_nameless(command)
-            return
+            if command.kind != ExecutiveCommand.STOP:
+                self._ignore_nameless(command)
+                return
+            command.id = uuid.uuid4().hex  # it stops all the same, and nobody hears what became of it
         known = self._entries.get(command.id)
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):

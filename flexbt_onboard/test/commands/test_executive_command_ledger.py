@@ -111,7 +111,7 @@ def test_a_command_whose_handler_fails_is_refused_and_the_fault_is_told() -> Non
 
 def test_what_has_no_id_or_is_meant_for_another_executive_is_ignored_and_noticed() -> None:
     books = Books()
-    books.send('')
+    books.send('', START)
     books.send('other')
     assert (books.results(), books.effects) == ([], [])
     assert books.changes > 0
@@ -174,7 +174,7 @@ def test_of_one_writer_only_so_many_commands_wait_for_their_effect() -> None:
 def test_of_a_command_that_is_too_large_nothing_is_kept(tmp_path: Path) -> None:
     books = Books(directory=str(tmp_path))
     large = 'x' * 1_000_000
-    books.ledger.receive(ExecutiveCommand(id=large, kind=STOP))
+    books.ledger.receive(ExecutiveCommand(id=large, kind=START))
     books.ledger.receive(ExecutiveCommand(id='a', kind=START, reason=large, operator_id=large))
     books.ledger.receive(ExecutiveCommand(id='b', kind=STOP, reason=large, operator_id=large))
     assert (books.results(), books.effects) == ([('a', R), ('b', A)], ['b'])

@@ -219,6 +219,13 @@ def test_a_command_without_an_id_is_ignored_and_logged(bench: LoopBench) -> None
     assert bench.status.state == ExecutiveStatus.IDLE
 
 
+@pytest.mark.parametrize('id', ['', 'x' * 1000])
+def test_a_stop_whose_id_cannot_be_used_stops_all_the_same(bench: LoopBench, id: str) -> None:
+    bench.start()
+    bench._commands.publish(ExecutiveCommand(id=id, kind=ExecutiveCommand.STOP, operator_id='eva'))
+    assert bench.wait_idle() == 'preempted'
+
+
 def test_the_autonomy_of_an_idle_executive_is_kept_for_the_operator(bench: LoopBench) -> None:
     bench.applied(AUTONOMY, autonomy=3, run_id='')
     assert bench.status.autonomy == 3
