@@ -66,6 +66,7 @@ UNREAD = 256
 
 SENDER = """
 import sys
+from threading import Event
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.qos import QoSProfile
 from flexbt_common.runtime import NodeRuntime
@@ -75,13 +76,17 @@ with NodeRuntime.open('sender') as runtime:
         count, depth = map(int, line.split())
         qos = QoSProfile(depth=depth)
         client = runtime.call(lambda: runtime.node.create_client(DescribeParameters, 'describe', qos_profile=qos))
-        print(client.wait_for_service(20.0), flush=True)
+        found, known = client.wait_for_service(20.0), Event()
+        first = runtime.call(lambda: client.call_async(DescribeParameters.Request()))
+        first.add_done_callback(lambda _: known.set())
+        print(found and known.wait(20.0), flush=True)
         sys.stdin.readline()
         for number in range(count):
             runtime.call(lambda: client.call_async(DescribeParameters.Request(names=[str(number)])))
         print('sent', flush=True)
 """
-"""A process that sends so many requests, by a queue of such a depth, for two lines that it is given."""
+"""A process that sends so many requests, by a queue of such a depth, for two lines that it is given: after the first it
+waits for an answer, since what is sent to a service that has not discovered its client waits in that queue."""
 
 
 def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> None:
