@@ -129,7 +129,7 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
             20.0,
             1.0,
             1000.0,
-            'rate of /clock while no robot is driven, Hz of simulated time (poses: half of it); else that of odometry',
+            'least rate of /clock, Hz of simulated time (poses at rest: half); a greater odom_rate holds in a drive',
         ),
         stamped_cmd_vel=declare.flag('enable_stamped_cmd_vel', False, 'commands are TwistStamped instead of Twist'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),
