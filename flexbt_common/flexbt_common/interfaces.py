@@ -24,6 +24,13 @@ ROLES: Final[Mapping[str, tuple[str, ...]]] = {
 MANAGED: Final = frozenset({BT_SERVER, ONBOARD_EXECUTIVE})
 """Nodes with a lifecycle."""
 
+PARTS: Final[Mapping[str, tuple[str, ...]]] = {
+    BT_SERVER: (names.BT_NAVIGATOR, names.WAYPOINT_FOLLOWER),
+    NAVIGATION: (*names.ACTIONS_OF_SERVERS, names.COLLISION_MONITOR),
+    SIMULATOR: (names.AMCL, names.MAP_SERVER),
+}
+"""Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.managed_part`."""
+
 
 class Kind(Enum):
     """What an interface is; the value is the word of a policy for it."""
@@ -47,9 +54,6 @@ class Interface:
     used_by: tuple[str, ...] = ()
 
 
-LIFECYCLE: Final = ('get_state', 'change_state')
-"""Services of a part that stands in for a managed node of another name."""
-
 ROBOT: Final = ROLES['robot']
 EVERY_NODE: Final = tuple(node for nodes in ROLES.values() for node in nodes)
 CONSOLES: Final = (CONSOLE, OBSERVER)
@@ -61,6 +65,27 @@ def _topics(*topics: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) ->
 
 def _services(*services: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
     return tuple(Interface(Kind.SERVICE, name, by, to) for name in services)
+
+
+def _managed(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
+    """What rclpy gives managed nodes."""
+    return (
+        *_topics(*(f'{node}/transition_event' for node in nodes), by=by),
+        *_services(
+            *(
+                f'{node}/{service}'
+                for node in nodes
+                for service in (
+                    'change_state',
+                    'get_available_states',
+                    'get_available_transitions',
+                    'get_state',
+                    'get_transition_graph',
+                )
+            ),
+            by=by,
+        ),
+    )
 
 
 def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple[Interface, ...]:
@@ -80,15 +105,8 @@ OF_NODES: Final[tuple[Interface, ...]] = (
         '~/get_type_description',
         by=EVERY_NODE,
     ),
-    *_topics('~/transition_event', by=tuple(sorted(MANAGED))),
-    *_services(
-        '~/change_state',
-        '~/get_available_states',
-        '~/get_available_transitions',
-        '~/get_state',
-        '~/get_transition_graph',
-        by=tuple(sorted(MANAGED)),
-    ),
+    *_managed('~', by=tuple(sorted(MANAGED))),
+    *(interface for node, parts in PARTS.items() for interface in _managed(*parts, by=(node,))),
 )
 """What rclpy gives each node. Nobody of these roles may set parameters or change a lifecycle state."""
 
@@ -131,10 +149,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.FOLLOW_WAYPOINTS,
         by=BT_SERVER,
         to=(BT_SERVER, ONBOARD_EXECUTIVE),
-    ),
-    *_services(
-        *(f'{node}/{service}' for node in (names.BT_NAVIGATOR, names.WAYPOINT_FOLLOWER) for service in LIFECYCLE),
-        by=(BT_SERVER,),
     ),
     *_topics(names.GOAL_POSE, to=(BT_SERVER,)),
     *_topics(names.BEHAVIOR_TREE_LOG, by=(BT_SERVER,)),
@@ -213,10 +227,6 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.GRIPPER_HOLDS, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
-        'amcl/get_state',
-        'amcl/change_state',
-        'map_server/get_state',
-        'map_server/change_state',
         'map_server/map',
         'map_server/load_map',
         '~/delete_entity',

@@ -7,6 +7,7 @@ namespace.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -119,6 +120,20 @@ TOGGLE_COLLISION_MONITOR: Final = 'collision_monitor/toggle'
 COLLISION_MONITOR_STATE: Final = 'collision_monitor_state'
 IS_PATH_VALID: Final = 'is_path_valid'
 PLAN: Final = 'plan'
+
+# Nodes of Nav2, for those who look for them or manage them
+AMCL: Final = 'amcl'
+MAP_SERVER: Final = 'map_server'
+COLLISION_MONITOR: Final = 'collision_monitor'
+ACTIONS_OF_SERVERS: Final[Mapping[str, tuple[str, ...]]] = {
+    'controller_server': (FOLLOW_PATH,),
+    'planner_server': (COMPUTE_PATH_TO_POSE, COMPUTE_PATH_THROUGH_POSES),
+    'smoother_server': (SMOOTH_PATH,),
+    'behavior_server': (SPIN, BACKUP, DRIVE_ON_HEADING, ASSISTED_TELEOP, WAIT),
+    'route_server': (COMPUTE_ROUTE, COMPUTE_AND_TRACK_ROUTE),
+    'docking_server': (DOCK_ROBOT, UNDOCK_ROBOT),
+}
+"""The actions of each of its navigation servers."""
 
 
 def costmap_topics(costmap: str) -> tuple[str, str, str]:

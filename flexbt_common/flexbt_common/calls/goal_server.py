@@ -157,7 +157,7 @@ class GoalServer:
 
     Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
     there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
-    rejected; ROS has no way to tell the client why, so the log of the node does.
+    rejected; ROS has no way to tell the client why, so the log of the node does. It may be replaced.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class GoalServer:
         self._action_type = action_type
         self._refused = refused or functools.partial(_refusal, action_type)
         self._most = most
-        self._admission = admission or GoalAdmission(name)
+        self.admission = admission or GoalAdmission(name)
         self._on_goal = on_goal
         self._on_cancel = on_cancel
         self._cancelable = cancelable
@@ -232,7 +232,7 @@ class GoalServer:
             end(goal.as_accepted(), self._action_type.Result())
 
     def _admit(self, _request: Any) -> GoalResponse:
-        refusal = self._admission.refusal or self._fault.refusal
+        refusal = self.admission.refusal or self._fault.refusal
         if not refusal:
             return GoalResponse.ACCEPT
         self._runtime.node.get_logger().warning(

@@ -28,19 +28,19 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action.server import RCLError
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.task import Future
 
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import DeepNode, NodeRuntime, refuse_while_configured, release_lifecycle, run_node
+from flexbt_common.runtime import NodeRuntime, refuse_while_configured, run_node
 from flexbt_core.errors import FlexbtError
 
 from .diagnostics import DiagnosticsPublisher, diagnostic_status
+from .lifecycle_node import OpenLifecycleNode
 from .node_scope import NodeScope
 
 DEACTIVATED: Final = 'was deactivated'
@@ -93,25 +93,15 @@ def unconfigured(node: Node) -> str:
     )
 
 
-class ManagedNode(DeepNode, LifecycleNode):
+class ManagedNode(OpenLifecycleNode):
     """The node of a :class:`NodeRuntime`; :meth:`manage` says of what."""
 
     def __init__(self, name: str, **options: Any) -> None:
-        Node.__init__(self, name, **options)
         # In the group of the node, a request that waits would hold up all that the node does.
-        LifecycleNodeMixin.__init__(self, callback_group=ReentrantCallbackGroup())
+        super().__init__(name, ReentrantCallbackGroup(), **options)
         self._is_managed = threading.Event()
         self._transitions = ThreadPoolExecutor(1, f'{name}_transitions', initializer=self._is_managed.wait)
-        served = {service.srv_type: service for service in self.services}
-        self._get_state = served[GetState].callback
-        self._change_state = served[ChangeState].callback
-        served[ChangeState].callback = self._on_change_state
         self._error: Exception | None = None
-
-    @property
-    def state(self) -> str:
-        """The state, or the transition that goes on, by its standard name: 'unconfigured', 'configuring' ..."""
-        return str(self._get_state(GetState.Request(), GetState.Response()).current_state.label)
 
     def manage(
         self,
@@ -227,13 +217,13 @@ class ManagedNode(DeepNode, LifecycleNode):
         return diagnostic_status(self._runtime, 'lifecycle', level, state)
 
     def destroy_node(self) -> None:
-        """As that of the base, which leaves the services of the lifecycle in the graph until Python collects them."""
+        """As that of the base."""
         self._transitions.shutdown(wait=False, cancel_futures=True)  # one is asked for, and the node was never managed
         self._is_managed.set()
         super().destroy_node()
-        release_lifecycle(self)
 
-    async def _on_change_state(self, request: Any, response: Any) -> Any:
+    async def answer_change_state(self, request: Any, response: Any) -> Any:
+        """As the design has it: when the transition is over."""
         done = Future(executor=self.executor)
 
         def change() -> None:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executor of one node: rclpy's single-threaded one, and one without its costs.
+"""The executor of one process: rclpy's single-threaded one, and one without its costs.
 
 rclpy makes a wait set, and lists of everything that can be in it, anew for each callback; it wraps each callback in a
 task; and each task wakes it twice again. That is 0.15 ms of processor time a turn for a node like the onboard
-executive, several times for each message, where the wait itself takes 3 us. Here the wait set is kept until the node
-gets or loses an entity, and what is ready is called at once.
+executive, several times for each message, where the wait itself takes 3 us. Here the wait set is kept until a node
+gets or loses an entity, and what is ready is called at once. The node whose clock and simulated time count is the one
+that it is made for; ``add_node`` adds such as have other names (:mod:`flexbt_common.lifecycle.managed_part`).
 
 A subscription wakes the executor only while somebody waits for its messages: that to the simulated time while a timer
 waits for a time (:mod:`.simulated_time`), and one whose callback has ``is_awaited`` while that gives True. What comes
@@ -90,7 +91,7 @@ def node_executor(
 
 
 class StockNodeExecutor(SingleThreadedExecutor):
-    """Runs the callbacks of one node by rclpy's own loop, on the thread that calls :meth:`turn`."""
+    """Runs the callbacks of its nodes by rclpy's own loop, on the thread that calls :meth:`turn`."""
 
     def __init__(
         self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
@@ -124,7 +125,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
 
 
 class NodeExecutor(OpenExecutor):
-    """Runs the callbacks of one node, on the thread that calls :meth:`turn`."""
+    """Runs the callbacks of its nodes, on the thread that calls :meth:`turn`."""
 
     def __init__(
         self,
@@ -191,8 +192,19 @@ class NodeExecutor(OpenExecutor):
         """Whether this thread is in :meth:`run_here`."""
         return self._lent_to == get_ident()
 
+    def add_node(self, node: Node) -> bool:
+        """Call the callbacks of this node, too. From any thread."""
+        is_new = bool(super().add_node(node))
+        self.wake()
+        return is_new
+
+    def remove_node(self, node: Node) -> None:
+        """Call the callbacks of this node no more. From any thread."""
+        super().remove_node(node)
+        self.wake()
+
     def wake(self) -> None:
-        """Come back from the wait; the node has got or lost an entity. From any thread."""
+        """Come back from the wait; a node has got or lost an entity. From any thread."""
         self._is_changed = True
         super().wake()
 
@@ -217,7 +229,7 @@ class NodeExecutor(OpenExecutor):
         if self._is_changed or self._entities is None:
             self._is_changed = False
             self._forget_entities()
-            self._entities = self._entities_of_node()
+            self._entities = self._entities_of_nodes()
         if self.simulated_time.subscription is not None:
             timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
         try:
@@ -269,19 +281,24 @@ class NodeExecutor(OpenExecutor):
         """For rclpy's own loop."""
         self._awaiting.append(task)
 
-    def _entities_of_node(self) -> _Entities:
-        node = self._node
-        for guard in node.guards:
+    def _entities_of_nodes(self) -> _Entities:
+        nodes = self.get_nodes()
+
+        def all_of(kind: str) -> list[Any]:
+            return [entity for node in nodes for entity in getattr(node, kind)]
+
+        guards = all_of('guards')
+        for guard in guards:
             rclpy_private.trigger_again(guard)
-        self.simulated_time.subscription = next(filter(is_clock_subscription, node.subscriptions), None)
+        self.simulated_time.subscription = next(filter(is_clock_subscription, self._node.subscriptions), None)
         entities = {
-            'timer': node.timers,
-            'subscription': node.subscriptions,
-            'guard_condition': node.guards,
-            'client': node.clients,
-            'service': node.services,
+            'timer': all_of('timers'),
+            'subscription': all_of('subscriptions'),
+            'guard_condition': guards,
+            'client': all_of('clients'),
+            'service': all_of('services'),
         }
-        return _Entities(self.context, self.own_guards(), self.takes(), entities, node.waitables)
+        return _Entities(self.context, self.own_guards(), self.takes(), entities, all_of('waitables'))
 
     def _forget_entities(self) -> None:
         if self._entities is not None:

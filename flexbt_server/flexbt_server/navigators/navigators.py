@@ -22,7 +22,7 @@ from nav2_msgs.action import NavigateToPose
 
 from flexbt_common import names
 from flexbt_common.calls import ActionCall, GoalAdmission, GoalOutcome, GoalStatus, ServedGoal
-from flexbt_common.lifecycle import LifecycleServices
+from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformListener
 from flexbt_core.clock import Timer
@@ -67,7 +67,7 @@ class Navigators:
         self._at_work: list[NavigatorGoal] = []
         self._waiting: deque[tuple[NavigatorGoal, Callable[[], None], float]] = deque()
         self._look: Timer | None = None
-        self._parts: list[LifecycleServices] = []
+        self._parts: list[ManagedPart] = []
         self._navigators = [
             Navigator(runtime, name, parameters, goals, boards, self._admission, self._enqueue, self._cancel)
             for name in parameters.navigators
@@ -90,17 +90,20 @@ class Navigators:
 
     def activate(self) -> None:
         """Let goals in, and tell so to those who ask for the lifecycle state of Nav2's nodes."""
-        node = self._runtime.node
         if self._navigators:
             TransformListener.of(self._runtime)  # the first goal in another frame may be stamped before it comes
             self._admission.open()
             self._wait_for_servers(patient=True)
-            self._parts.append(LifecycleServices(node, names.BT_NAVIGATOR, self._on_change, self._has_its_servers))
+            self._parts.append(ManagedPart(self._runtime, names.BT_NAVIGATOR, self._on_change, self._has_its_servers))
         follower = self._follower
         if follower is not None:
             follower.admit('')
             self._parts.append(
-                LifecycleServices(node, names.WAYPOINT_FOLLOWER, lambda on: follower.admit('' if on else 'is inactive'))
+                ManagedPart(
+                    self._runtime,
+                    names.WAYPOINT_FOLLOWER,
+                    lambda on: follower.admit('' if on else 'is inactive'),
+                )
             )
 
     def deactivate(self, refusal: str) -> None:

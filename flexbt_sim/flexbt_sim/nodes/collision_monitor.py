@@ -9,8 +9,9 @@ from nav2_msgs.msg import CollisionMonitorState
 from nav2_msgs.srv import Toggle
 
 from flexbt_common import names
+from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.navigation import Velocity, slowed
+from flexbt_sim.navigation import STOP, Velocity, slowed
 from flexbt_sim.server_common import MotionArbiter, NavigationParameters
 from flexbt_sim.world import Pose
 
@@ -19,7 +20,8 @@ POLYGON: Final = 'FootprintApproach'
 
 
 class CollisionMonitor:
-    """On the executor thread. Its state is published when it changes."""
+    """On the executor thread. Its state is published when it changes. While the managed node of its name is not active,
+    nothing passes it, as in Nav2."""
 
     def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
         self._parameters = parameters
@@ -28,9 +30,12 @@ class CollisionMonitor:
         self._acts = False
         self._states = runtime.node.create_publisher(CollisionMonitorState, names.COLLISION_MONITOR_STATE, 1)
         runtime.node.create_service(Toggle, names.TOGGLE_COLLISION_MONITOR, self._toggle)
+        self._part = ManagedPart(runtime, names.COLLISION_MONITOR)
         arbiter.monitor = self._checked
 
     def _checked(self, pose: Pose, command: Velocity) -> Velocity:
+        if not self._part.is_active:
+            return STOP
         if not self._is_on:
             return command
         safe = slowed(self._robot.costmaps.local, pose, command, self._parameters.time_before_collision)

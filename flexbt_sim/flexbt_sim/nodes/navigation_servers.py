@@ -44,6 +44,7 @@ from flexbt_sim.world import Pose
 
 from .collision_monitor import CollisionMonitor
 from .docking_server import DockingServer
+from .managed_servers import manage_servers
 from .planner_server import PlannerServer
 from .server_faults import ServerFaults
 from .smoother_server import SmootherServer
@@ -125,6 +126,7 @@ class Navigation:
         DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         ServerFaults(runtime)
+        manage_servers(runtime)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)

@@ -7,7 +7,7 @@ It is what a robot is told of the world, not the world: another map changes what
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 from urllib.parse import unquote, urlparse
 
 from nav2_msgs.srv import LoadMap
@@ -15,14 +15,12 @@ from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 
 from flexbt_common import names
-from flexbt_common.lifecycle import LifecycleServices
+from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.ros_messages import grid_message
 from flexbt_sim.world import OccupancyMap, load_map
-
-MAP_SERVER: Final = 'map_server'
 
 
 class MapServer:
@@ -33,19 +31,19 @@ class MapServer:
         node = self._node = runtime.node
         self._frame = frame
         self._grid: OccupancyGrid | None = None
-        server = f'{namespace}{MAP_SERVER}'
+        server = f'{namespace}{names.MAP_SERVER}'
         self._publisher = node.create_publisher(OccupancyGrid, f'{namespace}{names.MAP}', names.latched())
         self._services = (
             node.create_service(GetMap, f'{server}/map', self._give),
             node.create_service(LoadMap, f'{server}/load_map', self._load),
         )
-        self._lifecycle = LifecycleServices(node, server)
+        self._part = ManagedPart(runtime, server)
         if world is not None:
             self._publish(world)
 
     def close(self) -> None:
         """Take everything back."""
-        self._lifecycle.close()
+        self._part.close()
         for service in self._services:
             self._node.destroy_service(service)
         self._node.destroy_publisher(self._publisher)
@@ -56,7 +54,7 @@ class MapServer:
         return self._grid
 
     def _give(self, request: Any, response: Any) -> Any:
-        if self._lifecycle.is_active and self._grid is not None:
+        if self._part.is_active and self._grid is not None:
             response.map = self._grid
         return response
 
@@ -65,8 +63,8 @@ class MapServer:
         url = str(request.map_url)
         try:
             check_limits(request)
-            if not self._lifecycle.is_active:
-                raise FlexbtError(f'{MAP_SERVER} is {self._lifecycle.label}')
+            if not self._part.is_active:
+                raise FlexbtError(f'{names.MAP_SERVER} is not active')
             file = Path(unquote(urlparse(url).path) if url.startswith('file:') else url)
             if not file.is_file():
                 response.result = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST

@@ -25,7 +25,7 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_common.lifecycle import LifecycleServices
+from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
@@ -38,9 +38,6 @@ from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerF
 from .description import robot_description
 from .message_template import MessageTemplate, stamp_fields
 from .parameters import SimulatorParameters
-
-AMCL: Final = 'amcl'
-"""The node of Nav2 that localizes: others ask for its lifecycle state."""
 
 UPDATE: Final = (0.25, 0.2)
 """amcl_pose is published when the robot has moved by so much, m or rad, since the last one: amcl's update_min_d and
@@ -129,7 +126,7 @@ class RobotTopics:
         self._command = self._subscribe(command_type, parameters.cmd_vel_topic, self._on_command)
         self._in_process.receive_instead(self._command, self._on_command)
         self._subscribe(PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_initial_pose)
-        self._amcl = LifecycleServices(node, f'{self.namespace}{AMCL}')
+        self._amcl = ManagedPart(self._runtime, f'{self.namespace}{names.AMCL}')
 
     def _publisher(self, message_type: Any, topic: str, qos: QoSProfile | int) -> Any:
         node = self._runtime.node

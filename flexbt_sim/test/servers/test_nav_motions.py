@@ -19,6 +19,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus
 from flexbt_common.runtime import RosClock
 from flexbt_common.values import seconds_of
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, Sighting, aborted, line, open_world
 
@@ -201,6 +202,33 @@ def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(
     assert slowest() == pytest.approx(0.2)
     world.wait(lambda: states[-1] == CollisionMonitorState.DO_NOTHING, 'the end of it')
     world.runtime.call(lambda: node.destroy_subscription(subscription))
+
+
+def test_nothing_passes_a_collision_monitor_that_is_not_active(world: RobotProbe) -> None:
+    manager = LifecycleClient(world.runtime, names.COLLISION_MONITOR)
+    assert manager.change('deactivate')
+    start = world.place(FREE)
+    goal = drive(world, names.DRIVE_ON_HEADING, 0.3)
+    world.wait(lambda: goal.feedback, 'the motion')
+    assert world.later(0.5)[1:] == start[1:]
+    assert manager.change('activate')
+    assert goal.wait().status is GoalStatus.SUCCEEDED
+
+
+def test_a_server_that_is_deactivated_aborts_its_goals_and_rejects_others(world: RobotProbe) -> None:
+    managers = {name: LifecycleClient(world.runtime, name) for name in names.ACTIONS_OF_SERVERS}
+    assert {manager.state() for manager in managers.values()} == {'active'}
+    manager = managers['behavior_server']
+    world.place(FREE)
+    turn = spin(world, 20.0)
+    world.wait(lambda: world.moving() and turn.feedback, 'the robot turning')
+    assert manager.change('deactivate')
+    assert aborted(turn, Spin.Result.UNKNOWN).error_msg == 'behavior_server was deactivated'
+    world.wait_at_rest()
+    assert spin(world, 1.0).wait().status is drive(world, names.BACKUP, 0.3).wait().status is GoalStatus.REJECTED
+    assert world.follow(line(FREE, (4.5, 4.45))).wait().status is GoalStatus.SUCCEEDED  # of another server
+    assert manager.change('activate')
+    assert spin(world, 0.35).wait().status is GoalStatus.SUCCEEDED
 
 
 @pytest.mark.parametrize('action', [names.SPIN, names.BACKUP, names.DRIVE_ON_HEADING])

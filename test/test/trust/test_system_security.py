@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import pytest
 from ament_index_python.packages import get_package_prefix
 
+from flexbt_common import interfaces
 from flexbt_common.names import SIMULATOR
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
@@ -60,17 +61,19 @@ def absolute(name: str, namespace: str, node: str) -> str:
 
 
 def used(probe: Probe) -> dict[str, set[Right]]:
-    """What each node of the robot publishes, serves, and so on, now."""
+    """What each node of the robot publishes, serves, and so on, now; with the nodes that are parts of it."""
     node = probe.console.node
     found: dict[str, set[Right]] = defaultdict(set)
+    whole = {part: name for name, parts in interfaces.PARTS.items() for part in parts}
     for name, namespace in node.get_node_names_and_namespaces():
-        if name not in NAMES:
+        owner = whole.get(name, name)
+        if owner not in NAMES:
             continue
         for what, right in READING.items():
             for topic, _ in getattr(node, f'get_{what}_names_and_types_by_node')(name, namespace):
                 base, parts = PARTS.subn('', topic)
                 serves = what in ('publisher', 'service')
-                found[name].add((('execute' if serves else 'call') if parts else right, base))
+                found[owner].add((('execute' if serves else 'call') if parts else right, base))
     return found
 
 

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A part of a process that is a managed node for others, asked as a lifecycle manager does."""
+
+from __future__ import annotations
+
+from flexbt_common.lifecycle import ManagedPart
+from flexbt_common.runtime import NodeRuntime
+from flexbt_testing.nodes.lifecycle_client import LifecycleClient
+from flexbt_testing.waiting import wait_until
+
+
+def test_a_manager_takes_it_through_its_states() -> None:
+    told: list[bool] = []
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('manager') as runtime:
+        part = host.call(lambda: ManagedPart(host, 'amcl', told.append))
+        manager = LifecycleClient(runtime, '/robot1/amcl')
+        assert manager.state() == 'active'
+        assert part.is_active
+        assert {label for _, label, _ in manager.transitions()} == {'deactivate', 'shutdown'}
+        for transition, succeeds, state in (
+            ('activate', False, 'active'),
+            ('deactivate', True, 'inactive'),
+            (99, False, 'inactive'),
+            ('cleanup', True, 'unconfigured'),
+            (1, True, 'inactive'),  # configure
+            (3, True, 'active'),  # activate
+            ('shutdown', True, 'finalized'),
+            ('configure', False, 'finalized'),
+        ):
+            assert manager.change(transition) is succeeds
+            assert manager.state() == state
+        assert told == [False, True, False]
+        assert not part.is_active
+
+
+def test_it_is_a_node_as_long_as_it_is_there() -> None:
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('manager') as runtime:
+
+        def names_and_namespaces() -> set[tuple[str, str]]:
+            return set(runtime.node.get_node_names_and_namespaces())
+
+        part = host.call(lambda: ManagedPart(host, 'deeper/amcl'))
+        wait_until(lambda: ('amcl', '/robot1/deeper') in names_and_namespaces(), names_and_namespaces)
+        services = runtime.node.get_service_names_and_types_by_node('amcl', '/robot1/deeper')
+        assert ('/robot1/deeper/amcl/get_state', ['lifecycle_msgs/srv/GetState']) in services
+        assert LifecycleClient(runtime, '/robot1/deeper/amcl').state() == 'active'
+        host.call(part.close)
+        wait_until(lambda: ('amcl', '/robot1/deeper') not in names_and_namespaces(), names_and_namespaces)
+        assert ('host', '/robot1') in names_and_namespaces()
+        host.call(lambda: ManagedPart(host, 'amcl'))
+    # What is still there ends with the process's own node.
