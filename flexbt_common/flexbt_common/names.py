@@ -79,6 +79,7 @@ CMD_VEL: Final = 'cmd_vel'
 INITIAL_POSE: Final = 'initialpose'
 AMCL_POSE: Final = 'amcl_pose'
 BATTERY_STATE: Final = 'battery_state'
+BATTERY_STATUS: Final = 'battery_status'  # the same, where the conditions of Nav2's trees listen by default
 BUMPER: Final = 'bumper'
 GRIPPER: Final = 'gripper'
 GRIPPER_HOLDS: Final = 'gripper_holds'

@@ -181,7 +181,7 @@ class DockingServer:
             if request.dock_type:
                 kind = self._type(request.dock_type)
             if kind.charges and not self._is_charging and (self._docked is None or not self.is_docked(place)):
-                on_end(SUCCEEDED)  # it is on no dock
+                on_end(GoalEnd(message='the robot is on no dock: there is nothing to leave'))
                 return
             motion = UndockMotion(
                 self.senses(here),

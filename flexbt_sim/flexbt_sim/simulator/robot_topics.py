@@ -33,7 +33,7 @@ from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import faults_message
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.ros_messages import pose_of, transform
-from flexbt_sim.world import MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
+from flexbt_sim.world import Battery, MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
 from .description import robot_description
 from .message_template import MessageTemplate, stamp_fields
@@ -114,7 +114,11 @@ class RobotTopics:
             if model.lidar
             else None
         )
-        self._battery = self._publisher(BatteryState, names.BATTERY_STATE, 10) if model.battery else None
+        self._batteries = (
+            {topic: self._publisher(BatteryState, topic, 10) for topic in (names.BATTERY_STATE, names.BATTERY_STATUS)}
+            if model.battery
+            else {}
+        )
         self._bumper = self._publisher(Bool, names.BUMPER, names.latched()) if model.bumper else None
         self._holds = self._publisher(String, names.GRIPPER_HOLDS, names.latched()) if model.gripper else None
         if model.gripper:
@@ -339,10 +343,11 @@ class RobotTopics:
         if is_localized and self._has_moved(estimate):
             self._told_at = estimate
             yield names.AMCL_POSE, self._amcl_pose, self._amcl_message(estimate, stamp)
-        if self._battery is not None and robot.battery is not None and now >= self._battery_due:
+        if robot.battery is not None and now >= self._battery_due:
             self._battery_due = now + BATTERY_PERIOD
-            if self._battery.get_subscription_count():
-                yield names.BATTERY_STATE, self._battery, self._battery_message(stamp)
+            for topic, publisher in self._batteries.items():
+                if publisher.get_subscription_count():
+                    yield topic, publisher, self._battery_message(robot.battery, stamp)
 
     def restart(self, robot: Robot) -> None:
         """The world has begun anew, and so has its robot, which is of the same model."""
@@ -367,9 +372,7 @@ class RobotTopics:
         message.pose.covariance = numpy.zeros(36)
         return message
 
-    def _battery_message(self, stamp: Stamp) -> BatteryState:
-        battery = self.robot.battery
-        assert battery is not None
+    def _battery_message(self, battery: Battery, stamp: Stamp) -> BatteryState:
         if battery.is_charging:
             is_full = battery.level >= 1.0
             status = BatteryState.POWER_SUPPLY_STATUS_FULL if is_full else BatteryState.POWER_SUPPLY_STATUS_CHARGING
@@ -379,7 +382,7 @@ class RobotTopics:
         message = BatteryState(
             voltage=battery.model.voltage,
             temperature=math.nan,
-            current=math.nan,
+            current=battery.power / battery.model.voltage,
             charge=capacity * battery.level,
             capacity=capacity,
             design_capacity=capacity,

@@ -29,16 +29,19 @@ CONVERGENCE: Final = (1.0, 0.8)
 
 @dataclass
 class Battery:
-    """State of a battery: ``level`` from 0 to 1, and whether it is being charged."""
+    """State of a battery: ``level`` from 0 to 1, whether it is being charged, and the power that it takes in, W."""
 
     model: BatteryModel
     level: float
     is_charging: bool = False
+    power: float = 0.0
 
     def run(self, power: float, duration: float) -> None:
         """Take power, W, for a time, s; charge meanwhile, if it is being charged."""
         gained = (self.model.charging if self.is_charging else 0.0) - power
-        self.level = min(1.0, max(0.0, self.level + gained * duration / (3600.0 * self.model.capacity)))
+        level = self.level + gained * duration / (3600.0 * self.model.capacity)
+        self.level = min(1.0, max(0.0, level))
+        self.power = gained if self.level == level else 0.0  # it is full, or empty
 
 
 class Scan(NamedTuple):

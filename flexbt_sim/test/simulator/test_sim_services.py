@@ -153,6 +153,7 @@ def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
         (PoseWithCovarianceStamped, names.AMCL_POSE, names.latched()),
         (String, names.ROBOT_DESCRIPTION, names.latched()),
         (BatteryState, names.BATTERY_STATE, LOSSY),
+        (BatteryState, names.BATTERY_STATUS, LOSSY),
     ]
     heard = {
         (robot, topic): bench.listen(message_type, f'/{robot}/{topic}', qos)
@@ -163,6 +164,7 @@ def test_each_robot_has_its_topics_in_its_namespace(bench: Bench) -> None:
     wait_until(lambda: all(heard.values()) and bumper, lambda: [key for key, value in heard.items() if not value])
     assert pose_of(heard['beta', names.POSE][0].pose).distance(pose_of(pose((1.0, 4.0)).pose)) < 1e-6
     assert pose_of(heard['beta', names.ODOM][0].pose.pose).distance(pose_of(pose((0.0, 0.0)).pose)) < 1e-6
+    assert heard['beta', names.BATTERY_STATUS][-1].current < 0.0
     assert '<robot name="alpha">' in heard['alpha', names.ROBOT_DESCRIPTION][0].data
     assert not bumper[0].data
     for robot in ('alpha', 'beta'):

@@ -466,11 +466,14 @@ def test_a_battery_drains_stops_the_robot_and_is_charged() -> None:
     model = replace(MODELS['burger'], battery=BatteryModel(capacity=0.01, idle=5.0, driving=10.0))
     robot = world.add('alpha', model, Pose(0.0, 0.0, 0.0))
     while robot.is_powered:
+        before = robot.battery.power
         robot.command(0.22, 0.0, world.time)
         world.step()
     # 0.01 Wh are 36 J, and it takes 15 W while it drives.
     assert world.time == pytest.approx(36.0 / 15.0, rel=0.05)
+    assert before == pytest.approx(-15.0, rel=1e-3)
     world.step(1.0)
+    assert robot.battery.power == 0.0
     scan, pose = robot.scan, robot.pose
     robot.command(0.22, 0.0, world.time)
     world.step(1.0)
@@ -480,6 +483,9 @@ def test_a_battery_drains_stops_the_robot_and_is_charged() -> None:
     world.step(0.5)
     assert robot.battery.is_charging
     assert robot.battery.level > 0.5
+    assert robot.battery.power == 60.0 - 5.0
+    world.step(1.0)
+    assert (robot.battery.level, robot.battery.power) == (1.0, 0.0)
 
 
 # -- changes at run time ---------------------------------------------------------------------------------------------
