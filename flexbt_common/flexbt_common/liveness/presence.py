@@ -15,7 +15,6 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
@@ -68,8 +67,7 @@ class PresenceToken:
         self._publisher = node.create_publisher(
             PeerStatus, self._topic, names.unacknowledged(), event_callbacks=matched
         )
-        # Wall time: also while simulated time stands still.
-        node.create_timer(WORD_SECONDS, self._speak, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._runtime.repeat_near(WORD_SECONDS, WORD_SECONDS / 10.0, self._speak)
 
     def _speak(self) -> None:
         self._publisher.publish(self._word)

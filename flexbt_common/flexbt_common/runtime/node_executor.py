@@ -49,7 +49,8 @@ from .simulated_time import LONGEST_WAIT, ListeningTime, SimulatedTime, is_clock
 __all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
 
 _CHECK_SECONDS: Final = 1.0
-"""From one check of what nobody waits for to the next, s."""
+_CHECK_TOLERANCE: Final = 0.1
+"""From one check of what nobody waits for to the next, s: about so long, whenever the executor is awake anyway."""
 
 _MISFITS: Final = frozenset(
     (type(event), event)  # events of different types compare equal by their numbers
@@ -457,11 +458,11 @@ class _Entities:
         """Wait until something is ready, at most ``timeout`` seconds (None: for ever); gives what is. Others may have
         the turn meanwhile."""
         now = monotonic()
-        checks_all = now >= self._check_at
+        checks_all = now >= self._check_at - _CHECK_TOLERANCE
         if checks_all:
             self._check_at = now + _CHECK_SECONDS
         else:
-            until = self._check_at - now
+            until = max(0.0, self._check_at + _CHECK_TOLERANCE - now)
             timeout = until if timeout is None else min(timeout, until)
         groups = [group for group in self._groups if (checks_all and group.is_checked) or group.is_awaited()]
         wait_set = self._wait_set

@@ -19,6 +19,7 @@ import contextlib
 import faulthandler
 import gc
 import itertools
+import math
 import os
 import signal
 import sys
@@ -42,7 +43,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from flexbt_common.names import deep_services
-from flexbt_core.clock import SteadyClock
+from flexbt_core.clock import CoalescedTimers, SteadyClock
 from flexbt_core.values import lines
 
 from . import rclpy_private
@@ -122,6 +123,7 @@ class NodeRuntime:
         self._is_closing = False
         self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
+        self._coalesced = CoalescedTimers()
         self._calls: set[Future[Any]] = set()
         self._lock = threading.Lock()
         self._context = rclpy.Context()
@@ -192,6 +194,23 @@ class NodeRuntime:
         with self._lock:
             if not self.closed:
                 self._post_locked(fn)
+
+    def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
+        """Run ``fn`` once when the executor is awake anyway, ``tolerance`` seconds before or after the time ``when`` of
+        the steady clock; it is woken for it at the end of that. Asked for on the executor thread.
+        """
+        self._coalesced.add(when, tolerance, fn)
+        if not self.on_executor_thread:  # it lends its turn, and sleeps meanwhile
+            self._doorbell.trigger()
+
+    def repeat_near(self, period: float, tolerance: float, fn: Callable[[], object]) -> None:
+        """Run ``fn`` about every ``period`` seconds until the end, each time as :meth:`call_near`."""
+
+        def call() -> None:
+            self.call_near(self.steady.now() + period, tolerance, call)
+            fn()
+
+        self.call_near(self.steady.now() + period, tolerance, call)
 
     def run_or_post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
@@ -362,8 +381,10 @@ class NodeRuntime:
         # sets back those that were not triggered when it looked, a moment later): what was posted is checked whenever
         # a wait has ended.
         while not self._closed.is_set():
+            latest = self._coalesced.latest
+            sleep = None if latest == math.inf else max(0.0, latest - self.steady.now())
             try:
-                self._executor.turn(0.0 if self._posted else None)
+                self._executor.turn(0.0 if self._posted else sleep)
             except ExternalShutdownException:
                 raise
             except Exception as error:
@@ -372,19 +393,22 @@ class NodeRuntime:
                 self._on_escaped(error)
             self.listening_time.all_handled()
             self._run_posted()
+            for fn in self._coalesced.take_due(self.steady.now()):
+                self._run(fn, 'a coalesced timer')
 
     def _run_posted(self) -> None:
         # What comes meanwhile is for the next time, so that messages and timers get their turn.
         for _ in range(len(self._posted)):
-            fn = self._posted[0]
-            try:
-                fn()
-            except Exception as error:
-                self.report_fault(error, f'posted {getattr(fn, "__qualname__", fn)}')
-            finally:
-                # Only now: while it is there, nobody rings.
-                with self._lock:
-                    self._posted.popleft()
+            self._run(self._posted[0], 'posted')
+            # Only now: while it is there, nobody rings.
+            with self._lock:
+                self._posted.popleft()
+
+    def _run(self, fn: Callable[[], object], how: str) -> None:
+        try:
+            fn()
+        except Exception as error:
+            self.report_fault(error, f'{how} {getattr(fn, "__qualname__", fn)}')
 
     def _log_hang(self, hang: Hang) -> None:
         note = '' if hang.is_over else '; meanwhile the node is late for others, and what it drives is held'

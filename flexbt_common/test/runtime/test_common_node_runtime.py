@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import queue
 import signal
 import threading
 from functools import partial
@@ -72,6 +73,22 @@ def test_posted_work_runs_in_order_on_the_executor_thread() -> None:
         assert done.wait(DEADLINE)
         assert seen == list(range(200))
         assert threads == {True}
+
+
+def test_what_has_time_is_called_when_the_executor_is_awake_and_else_at_the_end_of_its_time() -> None:
+    with NodeRuntime.open('patient') as runtime:
+        now, called = runtime.steady.now(), queue.Queue[str]()
+        runtime.call(lambda: runtime.call_near(now + 1e3, 2e3, partial(called.put, 'in a minute or two')))
+        assert called.get(timeout=DEADLINE) == 'in a minute or two'  # this call has woken it
+        runtime.call(lambda: runtime.call_near(now + 1e3, 10.0, partial(called.put, 'later')))
+        runtime.call(lambda: runtime.call_near(now, 0.05, partial(called.put, 'soon')))
+        runtime.run_or_post(lambda: runtime.call_near(now, 0.1, partial(called.put, 'lent')))  # on this thread
+        assert {called.get(timeout=DEADLINE) for _ in range(2)} == {'soon', 'lent'}
+        faults: list[BaseException] = []
+        runtime.on_fault(faults.append)
+        runtime.call(lambda: runtime.repeat_near(1e-3, 0.0, lambda: 1 // called.qsize()))
+        wait_until(lambda: len(faults) > 2, 'three calls')
+        assert called.empty() and {type(fault) for fault in faults} == {ZeroDivisionError}
 
 
 def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,16 +7,15 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from rclpy.clock import Clock, ClockType
-
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_console.mirror import Fleet, Mirror
 
 from .operator_link import OperatorLink
 
-LOOK_SECONDS: Final = 0.6
-"""From one look for robots that have come to the next: nobody waits for them."""
+LOOK_SECONDS: Final = 0.5
+LOOK_TOLERANCE: Final = 0.1
+"""From one look for robots that have come to the next, s: nobody waits for them."""
 
 _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
 
@@ -52,8 +51,7 @@ class FleetLink:
             runtime.call(functools.partial(self._join if name == '/' and not only else self._list, name))
         if not only:
             runtime.call(self._look)
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            runtime.call(lambda: runtime.node.create_timer(LOOK_SECONDS, self._look, clock=steady))
+            runtime.call(lambda: runtime.repeat_near(LOOK_SECONDS, LOOK_TOLERANCE, self._look))
 
     def robot(self, name: str) -> tuple[Mirror, OperatorLink]:
         """The mirror and the link of a robot. Raises KeyError when it is not known."""

@@ -2,6 +2,7 @@
 """Clocks, timers and how threads wait: time is an object that is handed in."""
 
 from .clock import Clock, ManualClock, SteadyClock, Timer, seconds_asleep
+from .coalesced_timers import CoalescedTimers
 from .timer_queue import TimerQueue
 from .wake_event import WakeEvent
 from .watchdog import watchdog
@@ -9,6 +10,7 @@ from .work_thread import LateWork, WorkThread
 
 __all__ = [
     'Clock',
+    'CoalescedTimers',
     'LateWork',
     'ManualClock',
     'SteadyClock',

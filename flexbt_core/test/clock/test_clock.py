@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import threading
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.clock import Clock, ManualClock, SteadyClock, TimerQueue, WakeEvent, seconds_asleep
+from flexbt_core.clock import Clock, CoalescedTimers, ManualClock, SteadyClock, TimerQueue, WakeEvent, seconds_asleep
 from flexbt_testing.waiting import DEADLINE
 
 
@@ -215,3 +216,23 @@ def test_what_lies_between_the_looks_at_two_clocks_is_no_sleep_that_is_missing(m
     monkeypatch.setattr(time, 'monotonic', monotonic)
     monkeypatch.setattr(time, 'clock_gettime', lambda _: now + asleep)
     assert seconds_asleep() == pytest.approx(asleep, abs=0.001)
+
+
+@given(
+    timers=st.lists(st.tuples(st.floats(0.0, 10.0), st.floats(0.0, 3.0)), max_size=8),
+    awake=st.lists(st.floats(0.0, 15.0), max_size=20),
+)
+def test_coalesced_timers_are_called_in_their_time_and_wake_a_thread_only_at_its_end(
+    timers: list[tuple[float, float]], awake: list[float]
+) -> None:
+    queue, called = CoalescedTimers(), list[int]()
+    for number, (when, tolerance) in enumerate(timers):
+        queue.add(when, tolerance, functools.partial(called.append, number))
+    others = sorted(awake)
+    while (now := min([queue.latest, *others])) < math.inf:
+        others = [one for one in others if one > now]
+        for callback in queue.take_due(now):
+            callback()
+        assert sorted(called) == [n for n, (when, tolerance) in enumerate(timers) if when - tolerance <= now]
+        assert all(when + tolerance >= now for n, (when, tolerance) in enumerate(timers) if n not in called)
+    assert len(called) == len(timers)
