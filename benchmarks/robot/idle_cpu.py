@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Processor time of each process of a robot at rest, in per cent of a core, under simulated time.
+"""Processor time of each process of a robot at rest, in per cent of a core, under simulated time: alone, and while an
+operator's screen shows it, with that of the screen and the bytes that it writes to its terminal.
 
 Usage: python3 benchmarks idle_cpu [--seconds S] [--output FILE.json]
 """
@@ -7,10 +8,17 @@ Usage: python3 benchmarks idle_cpu [--seconds S] [--output FILE.json]
 from __future__ import annotations
 
 import argparse
+import contextlib
+import fcntl
 import os
+import struct
+import subprocess
 import sys
 import tempfile
+import termios
+import threading
 import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from _figures import write_figures
@@ -18,9 +26,15 @@ from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.processes import Stack, executable
 
 PROCESSES = ('simulator', 'navigation', 'bt_server', 'onboard_executive')
+SCREEN = 'screen'
+ROWS, COLUMNS = 40, 130
+
+ROBOT_SECONDS = 3.0
+SCREEN_SECONDS = 15.0
+"""What discovery and the start have left to do; a screen listens to transforms until the robot has stood for 5 s."""
 
 
 def main() -> int:
@@ -35,22 +49,65 @@ def main() -> int:
             stack.start_all()
             with NodeRuntime.open('probe') as runtime:
                 Probe(runtime).wait_ready()
-            time.sleep(3.0)  # what discovery and the start have left to do
-            before = {name: processor_time(stack.process_id(name)) for name in PROCESSES}
-            time.sleep(options.seconds)
-            after = {name: processor_time(stack.process_id(name)) for name in PROCESSES}
-    figures = {name: round(100.0 * (after[name] - before[name]) / options.seconds, 2) for name in PROCESSES}
-    for name, percent in figures.items():
-        print(f'{name:18} {percent:5.2f} %')
+            ids = {name: stack.process_id(name) for name in PROCESSES}
+            time.sleep(ROBOT_SECONDS)
+            alone = measure(ids, options.seconds)
+            with screen() as (process, written):
+                time.sleep(SCREEN_SECONDS)
+                before = written[0]
+                watched = measure({**ids, SCREEN: process}, options.seconds)
+                written[0] -= before
+    print(f'{"":18} {"alone":>7} {"watched":>9}')
+    for name, percent in watched.items():
+        shown = f'{alone[name]:5.2f} %' if name in alone else ''
+        print(f'{name:18} {shown:>7} {percent:7.2f} %')
+    print(f'written by the screen: {written[0]} bytes')
     if options.output is not None:
-        write_figures(options.output, {'idle_cpu_percent': figures})
+        figures = {'alone': alone, 'watched': watched}
+        write_figures(options.output, {'idle_cpu_percent': figures, 'bytes written by the screen': written[0]})
     return 0
 
 
+def measure(ids: Mapping[str, int], seconds: float) -> dict[str, float]:
+    """Per cent of a core, by the names of the processes."""
+    before = {name: processor_time(process) for name, process in ids.items()}
+    time.sleep(seconds)
+    return {name: round(100.0 * (processor_time(process) - before[name]) / seconds, 2) for name, process in ids.items()}
+
+
 def processor_time(process: int) -> float:
-    """User and system time of a process, s."""
-    fields = Path('/proc', str(process), 'stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    """Of all threads of a process that live, s, by the scheduler's own account: ticks of the clock are too coarse."""
+    total = 0
+    for thread in Path('/proc', str(process), 'task').iterdir():
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            total += int((thread / 'schedstat').read_text().split()[0])
+    return total * 1e-9
+
+
+@contextlib.contextmanager
+def screen() -> Iterator[tuple[int, list[int]]]:
+    """A screen in a terminal of its own: its process, and the bytes that it has written, which go on."""
+    terminal, other = os.openpty()
+    fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', ROWS, COLUMNS, 0, 0))
+    environment = {**os.environ, 'TERM': 'xterm-256color'}
+    process = subprocess.Popen([executable('console')], stdin=other, stdout=other, stderr=other, env=environment)
+    os.close(other)
+    written = [0]
+
+    def read() -> None:
+        with contextlib.suppress(OSError):  # the screen has ended
+            while data := os.read(terminal, 65536):
+                written[0] += len(data)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    try:
+        yield process.pid, written
+    finally:
+        process.kill()
+        process.wait()
+        reader.join()
+        os.close(terminal)
 
 
 if __name__ == '__main__':

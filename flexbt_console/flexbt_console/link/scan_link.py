@@ -3,6 +3,10 @@
 
 Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
 middleware but from the moment in which a scan is due until one has its place.
+
+Even so each of them wakes the middleware, and transforms are the most of what a robot at rest says: the simulator says
+none, and tells the time less often, while nobody listens to them. So they are listened to until the robot stands; and
+again when its status tells another pose, or its lidar meets something else.
 """
 
 from __future__ import annotations
@@ -10,17 +14,17 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
-from flexbt_console.mirror import Mirror, Points
-from flexbt_core.clock import Timer
+from flexbt_console.mirror import Mirror, Points, Pose
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import one_line
 
@@ -45,6 +49,12 @@ SAME_SHARE: Final = 0.02
 PLACE_SECONDS: Final = 2.0
 """For so long a place is looked for, until it is told to be missing."""
 
+STAND_SECONDS: Final = 5.0
+"""After so long in which a robot stands, and its lidar meets the same, its transforms are not heard any more."""
+
+TOLERANCE: Final = 0.2
+"""Part of the time to the next look by which that may come earlier or later, when the executor is awake anyway."""
+
 TF_DEPTH: Final = 10
 """Transforms that the middleware keeps meanwhile: a scan was taken between two of them."""
 
@@ -54,6 +64,12 @@ TOLD_CHARACTERS: Final = 500
 
 _NOTHING: Final = -1.0
 """The range of a beam that met nothing."""
+
+
+class _Shown(NamedTuple):
+    ranges: list[float]
+    where: Rigid
+    points: Points
 
 
 class ScanLink:
@@ -72,41 +88,52 @@ class ScanLink:
         self._types = LaserScan, TFMessage
         self._runtime = runtime
         self._mirror = mirror
+        self._namespace = namespace
         self._period = period
         self._map_frame = map_frame
         self._frames = TransformBuffer()
-        self._is_due = True
-        self._due: Timer | None = None
+        self._looked_at = -math.inf
         self._scan: Any = None
         self._expires_at = math.inf
-        self._shown: tuple[list[float], Rigid, Points] | None = None
+        self._shown: _Shown | None = None
+        self._is_same = False
+        self._stood: Pose | None = None
+        self._stands_since = -math.inf
         self._topic = names.of_robot(namespace, names.SCAN)
         fixed = functools.partial(self._on_transforms, is_static=True)
-        moving = functools.partial(self._on_transforms, is_static=False)
-        wanted: tuple[tuple[Any, str, QoSProfile, Any, Callable[[], bool] | None], ...] = (
-            (TFMessage, names.TF_STATIC, names.latched(BROADCASTERS), fixed, None),
-            (TFMessage, names.TF, names.unacknowledged(TF_DEPTH), moving, lambda: self._scan is not None),
-            (LaserScan, names.SCAN, names.unacknowledged(1), self._on_scan, lambda: self._is_due),
-        )
         self._subscriptions = [
-            ReceivedMessages(
-                runtime.node,
-                type,
-                names.of_robot(namespace, topic),
-                qos,
-                receive,
-                MESSAGE_BYTES,
-                is_awaited=is_awaited,
-            ).subscription
-            for type, topic, qos, receive, is_awaited in wanted
+            self._subscribe(TFMessage, names.TF_STATIC, names.latched(BROADCASTERS), fixed),
+            self._subscribe(LaserScan, names.SCAN, names.unacknowledged(1), self._on_scan, self._is_due),
         ]
+        self._moving: Subscription | None = None
+        self._hear_transforms()
 
     def close(self) -> None:
         """Listen no more."""
-        if self._due is not None:
-            self._due.cancel()
+        self._ignore_transforms()
         for subscription in self._subscriptions:
             self._runtime.node.destroy_subscription(subscription)
+
+    def _subscribe(
+        self,
+        type: Any,
+        topic: str,
+        qos: QoSProfile,
+        receive: Callable[[Received], object],
+        is_awaited: Callable[[], bool] | None = None,
+    ) -> Subscription:
+        node, name = self._runtime.node, names.of_robot(self._namespace, topic)
+        return ReceivedMessages(node, type, name, qos, receive, MESSAGE_BYTES, is_awaited=is_awaited).subscription
+
+    def _hear_transforms(self) -> None:
+        if self._moving is None:
+            qos, receive = names.unacknowledged(TF_DEPTH), functools.partial(self._on_transforms, is_static=False)
+            self._moving = self._subscribe(self._types[1], names.TF, qos, receive, lambda: self._scan is not None)
+
+    def _ignore_transforms(self) -> None:
+        if self._moving is not None:
+            self._runtime.node.destroy_subscription(self._moving)
+            self._moving = None
 
     def _on_transforms(self, received: Received, *, is_static: bool) -> None:
         if not is_static and self._scan is None:
@@ -119,8 +146,19 @@ class ScanLink:
             self._tell(f'transforms are left aside: {error}')
         self._place()
 
+    def _is_due(self) -> bool:
+        """Whether the next scan is to be looked at."""
+        return self._runtime.steady.now() >= self._looked_at + (1.0 - TOLERANCE) * self._pause
+
+    @property
+    def _pause(self) -> float:
+        """From the last look to the next, s."""
+        if not self._is_same:
+            return self._period
+        return self._period * (2.0 if self._mirror.view().running else 4.0)
+
     def _on_scan(self, received: Received) -> None:
-        if not self._is_due:
+        if not self._is_due():
             return
         if self._scan is None:
             try:
@@ -129,6 +167,11 @@ class ScanLink:
             except (ValueError, FlexbtError) as error:
                 self._tell(f'left aside: {error}')
                 return
+            if self._moving is None:
+                if self._shown is not None and self._stands() and _is_same(self._shown.ranges, _ranges(scan)):
+                    self._show(self._shown)
+                    return
+                self._hear_transforms()
             self._scan = scan
             self._expires_at = min(self._expires_at, self._runtime.steady.now() + PLACE_SECONDS)
         self._place()
@@ -137,33 +180,48 @@ class ScanLink:
         """Show the scan if it is known where it was taken; else wait for more transforms, or for another scan."""
         if self._scan is None:
             return
-        scan, steady, period = self._scan, self._runtime.steady, self._period
-        before = self._shown
+        scan, now = self._scan, self._runtime.steady.now()
         try:
             where = self._frames.lookup(self._map_frame(), scan.header.frame_id, seconds_of(scan.header.stamp))
-            points = self._points(scan, where)
-            if self._shown is before:
-                period *= 2.0 if self._mirror.view().running else 4.0
-            self._mirror.receive_scan(points, max(SCAN_SECONDS, 3.0 * self._period, period + self._period))
+            ranges, shown = _ranges(scan), self._shown
+            self._is_same = False
+            if shown is not None and _is_same_place(shown.where, where):
+                self._is_same = _is_same(shown.ranges, ranges)
+            if shown is None or not self._is_same:
+                shown = self._shown = _Shown(ranges, where, points_of(scan, where))
+                self._stood = None
         except (TransformError, ValueError) as error:
-            if steady.now() < self._expires_at:
+            if now < self._expires_at:
                 if not (isinstance(error, TransformError) and error.is_early):
                     self._scan = None  # another one may have its place
                 return
             self._tell(f'the scan has no place on the map: {error}')
-        self._scan, self._is_due, self._expires_at = None, False, math.inf
+            self._is_same = False
+            self._rest()
+            return
+        if self._stands() and now - self._stands_since >= STAND_SECONDS:
+            self._runtime.post(self._ignore_transforms)
+        self._show(shown)
+
+    def _show(self, shown: _Shown) -> None:
+        held = max(SCAN_SECONDS, 3.0 * self._period, (1.0 + TOLERANCE) * self._pause + self._period)
+        self._mirror.receive_scan(shown.points, held)
+        self._rest()
+
+    def _stands(self) -> bool:
+        """Whether the robot is known to be where it was, as far as its statuses tell, since what is shown is shown."""
+        view = self._mirror.view()
+        pose = view.snapshot.robot_pose if view.live and view.snapshot is not None else None
+        if pose is not None and self._stood is not None and _is_near(pose, self._stood):
+            return True
+        self._stood, self._stands_since = pose, self._runtime.steady.now()
+        return False
+
+    def _rest(self) -> None:
+        self._scan, self._expires_at = None, math.inf
         self._frames.clear()
-        self._due = steady.call_at(steady.now() + period, lambda: self._runtime.post(self._ask))
-
-    def _ask(self) -> None:
-        self._is_due = True
-
-    def _points(self, scan: Any, where: Rigid) -> Points:
-        """Raises ValueError for a scan that is none."""
-        ranges = _ranges(scan)
-        if self._shown is None or not _is_same(self._shown[0], self._shown[1], ranges, where):
-            self._shown = ranges, where, points_of(scan, where)
-        return self._shown[2]
+        self._looked_at = self._runtime.steady.now()
+        self._runtime.call_near(self._looked_at + self._pause, TOLERANCE * self._pause, lambda: None)
 
     def _tell(self, text: str) -> None:
         log = self._runtime.node.get_logger()
@@ -200,10 +258,17 @@ def _less(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(one - other for one, other in zip(a, b, strict=True))
 
 
-def _is_same(before: list[float], there: Rigid, now: list[float], here: Rigid) -> bool:
+def _is_same(before: list[float], now: list[float]) -> bool:
     """Whether the lidar meets what it met, as far as its noise lets one say so."""
-    if len(before) != len(now):
-        return False
+    different = sum(abs(one - other) > SAME_RANGE for one, other in zip(before, now, strict=False))
+    return len(before) == len(now) and different <= SAME_SHARE * len(now)
+
+
+def _is_same_place(there: Rigid, here: Rigid) -> bool:
     moved = (*_less(there.translation, here.translation), *_less(there.rotation, here.rotation))
-    different = sum(abs(one - other) > SAME_RANGE for one, other in zip(before, now, strict=True))
-    return all(abs(one) <= SAME_POSE for one in moved) and different <= SAME_SHARE * len(now)
+    return all(abs(one) <= SAME_POSE for one in moved)
+
+
+def _is_near(pose: Pose, other: Pose) -> bool:
+    turned = math.remainder(pose.yaw - other.yaw, math.tau)
+    return pose.frame == other.frame and math.dist((pose.x, pose.y, turned), (other.x, other.y, 0.0)) <= SAME_POSE

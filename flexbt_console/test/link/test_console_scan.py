@@ -20,9 +20,9 @@ from tf2_msgs.msg import TFMessage
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime
-from flexbt_console.link import SurroundingsFeed, SurroundingsLink
+from flexbt_console.link import SurroundingsFeed, SurroundingsLink, scan_link
 from flexbt_console.link.scan_link import SCAN_SECONDS, ScanLink
-from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose
+from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose, Snapshot
 from flexbt_console.pictures import ASCII
 from flexbt_console.ui.screen.map_pane import MapPane
 from flexbt_core.clock import ManualClock
@@ -186,8 +186,43 @@ def test_a_scan_that_stays_the_same_is_shown_until_the_next_one_is_looked_at() -
             wait_until(is_received, 'the scan')
             assert mirror.held > at_least
             mirror.held = 0.0
-            near.call(link._ask)
+            near.call(lambda: setattr(link, '_looked_at', -math.inf))
         near.call(link.close)
+
+
+def test_transforms_of_a_robot_that_stands_are_not_heard_until_something_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(scan_link, 'STAND_SECONDS', 0.1)
+    with NodeRuntime.open('robot') as far, NodeRuntime.open('console') as near:
+        lidar, mirror = far.call(lambda: Lidar(far)), Mirror(near.steady)
+        link = near.call(lambda: ScanLink(near, mirror, '/robot', 1e-6, lambda: 'map'))
+        wait_until(lambda: lidar.is_heard, 'the console')
+        x, told_at, reach, sequence = 5.0, 5.0, 2.0, 0
+
+        def shows(is_heard: bool) -> bool:
+            """Whether the scan is where it belongs, and whether transforms are heard, too."""
+            nonlocal sequence
+            sequence += 1
+            mirror.receive_snapshot(Snapshot('e', sequence, robot_pose=Pose(told_at, 0.0), heartbeat_period=10.0))
+            lidar.move_to(x)
+            lidar.scan(reach)
+            points = [(round(a, 3), round(b, 3)) for a, b in mirror.view().surroundings.scan]
+            return points == [(x + 1.0, reach)] and lidar.is_heard is is_heard
+
+        wait_until(lambda: shows(is_heard=False), 'rest')
+        before = sequence
+        wait_until(lambda: shows(is_heard=False) and sequence > before + 20, 'more of the same')
+        reach = 1.0  # somebody comes
+        wait_until(lambda: shows(is_heard=True), 'the new scan')
+        wait_until(lambda: shows(is_heard=False), 'rest')
+        x = told_at = 7.0  # between walls all is as it was
+        wait_until(lambda: shows(is_heard=True), 'the new place')
+        wait_until(lambda: shows(is_heard=False), 'rest')
+        told_at = 9.0  # odd, and all that is known is that it may have moved
+        wait_until(lambda: shows(is_heard=True), 'transforms')
+        near.call(link.close)
+        wait_until(lambda: not lidar.is_heard, 'the end of the link')
 
 
 @pytest.mark.parametrize('field', ['transforms[0].child_frame_id', 'header.frame_id'])

@@ -911,11 +911,22 @@ def test_a_heartbeat_that_tells_nothing_new_wakes_nobody(monkeypatch: pytest.Mon
         monkeypatch.setattr(app, '_wake', lambda: woken.append(None))
         for second in range(20):
             robot.show(stamp=10.0 + second)
+            robot.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
+            robot.clock.advance(0.5)
+            app._age()
         assert woken == []
         robot.show(message='something else')
         robot.show(state=ExecutiveState.RUNNING)
         robot.show(stamp=40.0)  # time goes on in its states
         assert len(woken) == 3
+        robot.show(state=ExecutiveState.IDLE)
+        await seen(robot, pilot)
+        woken.clear()
+        robot.mirror.receive_log(LogLine('e', 1, Severity.INFO, 'a line', '', '', 41.0))
+        assert len(woken) == 1
+        robot.clock.advance(2.0)  # by time alone, the link is late
+        app._age()
+        assert len(woken) == 2
 
     on_screen(robot, steps)
 

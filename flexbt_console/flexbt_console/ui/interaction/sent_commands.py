@@ -32,6 +32,10 @@ class SentCommands:
         """It was given to the robot of that mirror."""
         self._sent[command_id] = _Sent(mirror, self._clock.now())
 
+    def __bool__(self) -> bool:
+        """Whether there is a command of which more may be told."""
+        return bool(self._sent)
+
     def updates(self) -> list[list[str]]:
         """The lines of each command whose state has changed since the last call, in the order of sending."""
         updates = []

@@ -25,7 +25,6 @@ from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.suggester import Suggester
-from textual.timer import Timer
 from textual.widget import AwaitMount
 from textual.widgets import Input
 
@@ -39,7 +38,7 @@ from flexbt_console.commands import (
     prompt_help,
 )
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Behavior, Change, Decision, Fleet, Mirror, RobotOverview, Snapshot, View
+from flexbt_console.mirror import Behavior, Change, Decision, Fleet, Mirror, RobotOverview, View
 from flexbt_console.pictures import glyphs, tree_lines
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
@@ -77,7 +76,7 @@ REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
 
 AGE_SECONDS: Final = 0.7
-"""How long after a drawing what time alone changes is looked at: longer than from one status to the next."""
+"""How long after a look at what time alone changes the next one is: longer than from one status to the next."""
 
 PLAY_SECONDS: Final = 0.1
 """From one picture of a recording that plays to the next."""
@@ -89,6 +88,10 @@ TOLD_LINES: Final = 200
 """Lines that the console itself has told, and are remembered."""
 
 ZOOMED: Final = ('machine', 'map', 'log')
+
+
+_BESIDE_VIEW: Final = frozenset({Change.LOG, Change.EVENTS, Change.COMMAND})
+"""What changes without a view that tells so."""
 
 
 class Robots(Protocol):
@@ -217,9 +220,9 @@ class OperatorScreen(App[None]):
         self._sent = SentCommands(clock)
         self._is_planned = False
         self._drawn_at = -math.inf
-        self._drawn: Snapshot | View | None = None
+        self._drawn: View | None = None
         self._zoomed = 0
-        self._ageing: Timer | None = None
+        self._ageing: asyncio.TimerHandle | None = None
         self._is_quitting = False
         self._line_bound = Bound(None)
         self._opening: AwaitMount | None = None
@@ -296,11 +299,9 @@ class OperatorScreen(App[None]):
         """Draw what the mirror knows now; what has not changed is not drawn."""
         self._is_planned = False
         self._drawn_at = self._clock.now()
-        if self._ageing is not None:
-            self._ageing.stop()
-        self._ageing = self.set_timer(AGE_SECONDS, self.draw)
+        self._look_again()
         view = self._mirror.view()
-        self._drawn = self._at_rest(view)
+        self._drawn = _timeless(view)
         for told in self._sent.updates():
             self.tell(told)
         self._picking.drawn(view)
@@ -321,6 +322,18 @@ class OperatorScreen(App[None]):
             if name == 'alarm':
                 pane.display = bool(text.plain)  # it takes a row only when there is something
             pane.show(text)
+
+    def _look_again(self) -> None:
+        if self._ageing is not None:
+            self._ageing.cancel()
+        self._ageing = asyncio.get_running_loop().call_later(AGE_SECONDS, self._age)
+
+    def _age(self) -> None:
+        """Draw what time alone has changed: nothing of one robot that is at rest and heard."""
+        has_others = self._robots is not None and len(self._robots.fleet.names) > 1
+        if has_others or self._sent or _timeless(self._mirror.view()) != self._drawn:
+            self._wake()
+        self._look_again()
 
     def _parts(self) -> tuple[tuple[str, Callable[[View, int, int], Text]], ...]:
         return (
@@ -623,15 +636,8 @@ class OperatorScreen(App[None]):
             mirror.add_listener(lambda change: self._changed(mirror, change))
 
     def _changed(self, mirror: Mirror, change: Change) -> None:
-        # A heartbeat that tells nothing new of a robot at rest waits for what time alone changes (AGE_SECONDS).
-        if mirror is self._mirror and not (change is Change.STATUS and self._at_rest(mirror.view()) == self._drawn):
+        if mirror is self._mirror and (change in _BESIDE_VIEW or _timeless(mirror.view()) != self._drawn):
             self._wake()
-
-    @staticmethod
-    def _at_rest(view: View) -> Snapshot | View:
-        """What a robot at rest tells, without the number and the time of it; of another one all, which is never the
-        same."""
-        return view if view.running or view.snapshot is None else replace(view.snapshot, sequence=0, stamp=0.0)
 
     def _do_force(self, key: Key, view: View) -> None:
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
@@ -754,6 +760,14 @@ class OperatorScreen(App[None]):
             return None
         head = value[: len(value) - len(value.rpartition(' ')[2])]
         return f'{head}{found[0]}' if value and found else None
+
+
+def _timeless(view: View) -> View:
+    """What is shown of a robot at rest, whose heartbeat tells nothing new; of another one all, which is never the same
+    twice."""
+    if view.running or view.snapshot is None or not view.live:
+        return view
+    return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))
 
 
 def run_screen(
