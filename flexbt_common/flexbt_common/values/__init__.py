@@ -13,6 +13,7 @@ from .entries import (
     value_to_text,
 )
 from .limits import LONG_TEXT, MESSAGE, check_limits, length_of, make_sendable
+from .pose_lists import poses_of, set_poses
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
@@ -31,8 +32,10 @@ __all__ = [
     'length_of',
     'make_sendable',
     'message_type_name',
+    'poses_of',
     'resolve_type',
     'seconds_of',
+    'set_poses',
     'text_to_value',
     'time_message',
     'time_of_nanoseconds',

@@ -3,21 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
-
-from geometry_msgs.msg import PoseStamped
 
 from flexbt_common.values import message_type_name
 from flexbt_server.leaves import ActionLeaf, ServiceLeaf
-
-
-def set_poses(message: Any, field: str, poses: Sequence[PoseStamped]) -> None:
-    """Give a field the poses: a list of them, or a nav_msgs/Goals, as in the branch main of Nav2."""
-    if message.get_fields_and_field_types()[field].startswith('sequence'):
-        setattr(message, field, list(poses))
-    else:
-        getattr(message, field).goals = list(poses)
 
 
 def set_ports(leaf: ActionLeaf | ServiceLeaf, message: Any, *names: str) -> None:

@@ -9,12 +9,13 @@ from nav2_msgs import action
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
+from flexbt_common.values import set_poses
 from flexbt_core.behavior_tree import Example, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, FLOAT, STRING, UINT16
 from flexbt_core.skills import Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, POSE_STAMPED, POSES, ActionLeaf
 
-from .interface_fields import set_ports, set_poses
+from .interface_fields import set_ports
 from .pose_leaves import AT
 
 DOCKED: Final = Predicate('docked')

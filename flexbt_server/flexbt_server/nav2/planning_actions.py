@@ -17,13 +17,13 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome
-from flexbt_common.values import duration_message, seconds_of
+from flexbt_common.values import duration_message, seconds_of, set_poses
 from flexbt_core.behavior_tree import Example, NodeStatus, input_port, output_port
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, INT, STRING, UINT16, UNSIGNED
 from flexbt_server.leaves import ACTION_PORTS, DURATION, PATH, POSE_STAMPED, POSES, ActionLeaf
 from flexbt_server.trees import ROUTE
 
-from .interface_fields import set_ports, set_poses
+from .interface_fields import set_ports
 
 _START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
 

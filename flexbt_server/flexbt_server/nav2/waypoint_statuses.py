@@ -7,6 +7,7 @@ import copy
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+import nav2_msgs.msg
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_server.trees import WaypointStatus
@@ -20,6 +21,27 @@ FAILED: Final = 3
 def pending(goals: Iterable[PoseStamped]) -> list[Any]:
     """The statuses of a mission that begins."""
     return [WaypointStatus(waypoint_index=index, waypoint_pose=goal) for index, goal in enumerate(goals)]
+
+
+def missed(index: int, pose: PoseStamped, error_code: int, error_msg: str) -> Any:
+    """A waypoint that was not reached, as FollowWaypoints tells of it: MissedWaypoint in jazzy, WaypointStatus in main.
+
+    ``error_code`` is that of navigate_to_pose.
+    """
+    if hasattr(nav2_msgs.msg, 'MissedWaypoint'):
+        return nav2_msgs.msg.MissedWaypoint(index=index, goal=pose, error_code=error_code)
+    return WaypointStatus(
+        waypoint_status=FAILED, waypoint_index=index, waypoint_pose=pose, error_code=error_code, error_msg=error_msg
+    )
+
+
+def concluded(statuses: Iterable[Any], *, succeeded: bool) -> list[Any]:
+    """The statuses of a mission that has ended: what was pending came to the same end."""
+    ended = [copy.copy(one) for one in statuses]
+    for one in ended:
+        if one.waypoint_status == PENDING:
+            one.waypoint_status = COMPLETED if succeeded else FAILED
+    return ended
 
 
 def mark(statuses: Sequence[Any], goals: Iterable[PoseStamped], status: int) -> list[Any]:

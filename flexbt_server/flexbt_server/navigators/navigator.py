@@ -16,14 +16,23 @@ from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformListener
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, poses_of
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
 from flexbt_server.goals import MESSAGE_LIMIT, RunningTree, Speed, TreeGoal, TreeGoals, distance_left, seconds_left
-from flexbt_server.nav2 import pending
+from flexbt_server.nav2 import concluded, pending
 from flexbt_server.runs import RunOutcome
-from flexbt_server.trees import PATH, POSE_STAMPED, POSES, RECOVERIES_KEY, WAYPOINT_STATUSES, Blackboards, Value
+from flexbt_server.trees import (
+    PATH,
+    POSE_STAMPED,
+    POSES,
+    RECOVERIES_KEY,
+    WAYPOINT_STATUSES,
+    Blackboards,
+    TrackingFeedback,
+    Value,
+)
 
 from .parameters import NavigatorParameters
 
@@ -34,6 +43,9 @@ MOST_GOALS: Final = 200
 
 ACTIONS: Final = {names.NAVIGATE_TO_POSE: NavigateToPose, names.NAVIGATE_THROUGH_POSES: NavigateThroughPoses}
 """The action of each navigator."""
+
+TRACKING_KEY: Final = 'tracking_feedback'
+"""The key under which main's trees keep what the controller says of how the robot is on its path."""
 
 _MOST_POSES: Final = 2**15 - 1
 """An int16 has no more."""
@@ -73,6 +85,11 @@ class Navigator:
     def _serve(self, served: ServedGoal) -> None:
         self._goals.serve(NavigatorGoal(self, served, self._runtime.clock.now()))
 
+    def statuses(self) -> list[Any]:
+        """What has become of the poses so far, where trees keep account of it."""
+        statuses = self._board.get_or(self.parameters.statuses_key, [])
+        return statuses if isinstance(statuses, list) else []
+
     def in_global_frame(self, goal: NavigatorGoal) -> None:
         """Find the poses of a goal in the global frame; when one is not known in time, the goal ends."""
         frame = self.parameters.global_frame
@@ -107,7 +124,7 @@ class NavigatorGoal(TreeGoal):
         tree = request.behavior_tree or navigator.parameters.default_trees[navigator.name]
         super().__init__(served, accepted, navigator.name, tree, navigator.name)
         self.navigator = navigator
-        self.asked: list[PoseStamped] = [request.pose] if hasattr(request, 'pose') else list(request.poses)
+        self.asked: list[PoseStamped] = [request.pose] if hasattr(request, 'pose') else poses_of(request.poses)
         self.poses: list[PoseStamped] | None = None
         self.problem = 'FAILED_TO_LOAD_BEHAVIOR_TREE'
 
@@ -150,10 +167,19 @@ class NavigatorGoal(TreeGoal):
         if hasattr(feedback, 'number_of_poses_remaining'):
             poses = board.get_or(parameters.goals_key, [])
             feedback.number_of_poses_remaining = min(len(poses) if isinstance(poses, list) else 0, _MOST_POSES)
+        if hasattr(feedback, 'position_tracking_error'):  # as in main
+            tracked = board.get_or(TRACKING_KEY, TrackingFeedback())
+            feedback.position_tracking_error = tracked.position_tracking_error
+            feedback.heading_tracking_error = tracked.heading_tracking_error
+        if hasattr(feedback, 'waypoint_statuses'):
+            feedback.waypoint_statuses = self.navigator.statuses()
         return feedback
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         result = self.navigator.action_type.Result()
+        if hasattr(result, 'waypoint_statuses'):
+            succeeded = outcome.code == Code.SUCCESS
+            result.waypoint_statuses = concluded(self.navigator.statuses(), succeeded=succeeded)
         if outcome.code != Code.SUCCESS:
             code = outcome.error_code
             if outcome.code == Code.ERROR and not code:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from nav2_msgs.action import FollowWaypoints, NavigateToPose
-from nav2_msgs.msg import MissedWaypoint
 
 from flexbt_common import names
 from flexbt_common.calls import (
@@ -28,6 +27,7 @@ from flexbt_common.calls import (
 )
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
+from flexbt_server.nav2 import missed
 
 Result = FollowWaypoints.Result
 
@@ -83,7 +83,7 @@ class WaypointFollower:
         poses, first = served.request.poses, served.request.goal_index
         if first >= len(poses):
             why = f'there is no waypoint {first} among the {len(poses)} of the goal' if poses else 'it has no waypoints'
-            served.abort(_result(f'the goal cannot be followed: {why}'))
+            served.abort(_result(f'the goal cannot be followed: {why}', 'NO_VALID_WAYPOINTS'))
             return
         older, newer = self._tour, _Tour(self._settings, served, self._ended)
         self._tour = newer
@@ -107,7 +107,7 @@ class _Tour:
         self._on_end = on_end
         self._index = int(served.request.goal_index)
         self._loops = int(served.request.number_of_loops)
-        self._missed: deque[MissedWaypoint] = deque(maxlen=MOST_MISSED)
+        self._missed: deque[Any] = deque(maxlen=MOST_MISSED)
         self._reached = False
         self._call: ActionCall | None = None
         self._pause: Timer | None = None
@@ -175,11 +175,11 @@ class _Tour:
     def _miss(self, outcome: GoalOutcome) -> None:
         code = getattr(outcome.result, 'error_code', 0) or Result.UNKNOWN
         pose = self.served.request.poses[self._index]
-        self._missed.append(MissedWaypoint(index=self._index, goal=pose, error_code=code))
+        self._missed.append(missed(self._index, pose, code, outcome.reason))
         told = f'waypoint {self._index} was not reached: {outcome.reason}'
         self._settings.runtime.node.get_logger().warning(told)
         if self._settings.stop_on_failure:
-            self._end(self.served.abort, told)
+            self._end(self.served.abort, told, 'STOP_ON_MISSED_WAYPOINT')
         else:
             self._go_on()
 
@@ -200,12 +200,14 @@ class _Tour:
         else:
             self._end(self.served.succeed)
 
-    def _end(self, how: Callable[[Any], None], why: str = '') -> None:
+    def _end(self, how: Callable[[Any], None], why: str = '', code: str = 'UNKNOWN') -> None:
         if self._pause is not None:
             self._pause.cancel()
-        how(_result(why, self._missed))
+        how(_result(why, code, self._missed))
         self._on_end(self)
 
 
-def _result(why: str, missed: Iterable[MissedWaypoint] = ()) -> Any:
-    return Result(error_code=Result.UNKNOWN if why else Result.NONE, error_msg=why, missed_waypoints=list(missed))
+def _result(why: str, code: str, those_missed: Iterable[Any] = ()) -> Any:
+    """``code`` is the name of the error code, where the action has it; Jazzy's has UNKNOWN only."""
+    error_code = getattr(Result, code, Result.UNKNOWN) if why else Result.NONE
+    return Result(error_code=error_code, error_msg=why, missed_waypoints=list(those_missed))

@@ -20,7 +20,7 @@ from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Blackboard, NodeStatus, Tree, TreeLibrary, load_xml
 from flexbt_core.clock import ManualClock
 from flexbt_server.leaves import error_code_of
-from flexbt_server.nav2 import pending
+from flexbt_server.nav2 import concluded, pending
 from flexbt_server.nav2.path_tracking import PathTracker
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import pose
@@ -28,7 +28,7 @@ from flexbt_testing.nodes.server_world import pose
 REGISTRY = node_registry(lambda _source, _error: None)
 SUCCESS, FAILURE, RUNNING = NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.RUNNING
 
-PENDING, COMPLETED = 0, 1
+PENDING, COMPLETED, FAILED = 0, 1, 3
 
 
 class Robot:
@@ -205,6 +205,10 @@ def test_passed_goals_are_completed_waypoints_once_each() -> None:
     assert tree.tick() is FAILURE
     assert tree.board.get('goals') == [pose(0), pose(2)]
     assert [one.waypoint_index for one in tree.board.get('statuses')] == [0, 1, 2]
+    for succeeded, last in ((True, COMPLETED), (False, FAILED)):
+        ended = concluded(tree.board.get('statuses'), succeeded=succeeded)
+        assert [one.waypoint_status for one in ended] == [COMPLETED, COMPLETED, last]
+    assert told(tree) == [COMPLETED, COMPLETED, PENDING]
 
 
 def told(tree: Ticked) -> list[int]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy
 
@@ -161,6 +161,16 @@ class CircleChecker:
             )
 
 
+class PlaceOnPath(NamedTuple):
+    """How a robot is on a path: how far to the left of it, m, its heading from that of the path, rad, the index of the
+    pose that it has passed last, and how far it is from the goal, m."""
+
+    left: float
+    turned: float
+    passed: int
+    to_goal: float
+
+
 class PathFollower:
     """Follows one path to its end, and turns to the heading of its last pose."""
 
@@ -296,6 +306,18 @@ class PathFollower:
             if gaps[1] < gaps[0] - JOIN_DISTANCE:
                 return anywhere
         return near
+
+    def place(self, pose: Pose) -> PlaceOnPath:
+        """How the robot, at ``pose``, is on the path, after its last step."""
+        leg, before = self._legs[0], self._given[1][: -len(self._legs)]
+        x, y = leg.track.point(self._at)
+        heading = leg.track.heading(self._at)
+        return PlaceOnPath(
+            left=math.cos(heading) * (pose.y - y) - math.sin(heading) * (pose.x - x),
+            turned=wrap(pose.yaw - heading - (math.pi if leg.backward else 0.0)),
+            passed=sum(one.track.index(math.inf) for one in before) + leg.track.index(self._at),
+            to_goal=pose.distance(self._goal),
+        )
 
     def update(self, costmap: Costmap) -> None:
         """See :class:`flexbt_sim.navigation.motions.Motion`."""

@@ -48,6 +48,10 @@ class Track:
         share = (at - self._at[after - 1]) / (self._at[after] - self._at[after - 1])
         return x + share * (to_x - x), y + share * (to_y - y)
 
+    def index(self, at: float) -> int:
+        """Index of the last pose that is not beyond a distance from the beginning, m."""
+        return max(0, bisect_right(self._at, at) - 1)
+
     def heading(self, at: float) -> float:
         """Where it leads at a distance from the beginning, rad; 0 for a track without length."""
         index = min(max(bisect_right(self._at, at), 1), len(self._at) - 1)

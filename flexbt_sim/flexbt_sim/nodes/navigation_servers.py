@@ -39,6 +39,8 @@ from flexbt_sim.server_common import (
     check_id,
     declare_navigation_parameters,
     finish,
+    following,
+    set_success,
 )
 from flexbt_sim.world import Pose
 
@@ -93,9 +95,7 @@ class Navigation:
                 FollowPath,
                 names.FOLLOW_PATH,
                 self._follow,
-                lambda motion: FollowPath.Feedback(
-                    distance_to_goal=float(motion.distance_to_goal), speed=float(motion.speed)
-                ),
+                lambda motion: following(motion, self._robot.pose, self._parameters.map_frame, runtime.clock.stamp()),
                 lambda request: asked_path(request.path),
             ),
             (
@@ -201,6 +201,7 @@ class Navigation:
         nearest = min(range(len(poses)), key=lambda index: here.distance(poses[index]))
         invalid = [index for index in range(nearest, len(poses)) if costmap.in_collision(poses[index])]
         response.is_valid = not invalid
+        set_success(response)
         response.invalid_pose_indices = invalid
         return response
 

@@ -12,7 +12,7 @@ from nav_msgs.msg import Path
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message
+from flexbt_common.values import duration_message, poses_of
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import StopFlag, planner_for
 from flexbt_sim.ros_messages import path_message
@@ -50,7 +50,7 @@ class PlannerServer:
         self._plan_topic = runtime.node.create_publisher(Path, names.PLAN, 1)
         actions = (
             (ComputePathToPose, names.COMPUTE_PATH_TO_POSE, lambda request: [request.goal]),
-            (ComputePathThroughPoses, names.COMPUTE_PATH_THROUGH_POSES, lambda request: list(request.goals)),
+            (ComputePathThroughPoses, names.COMPUTE_PATH_THROUGH_POSES, lambda request: poses_of(request.goals)),
         )
         for action_type, name, goals_of in actions:
             self._serve(action_type, name, goals_of)

@@ -4,6 +4,7 @@
 from .action_results import CANCELED, SUCCEEDED, GoalEnd, OnPathEnd, end_by, finish
 from .computation import Computation
 from .frames import Asked, OnError, asked_path, asked_pose
+from .interface_fields import following, set_success
 from .motion_server import MotionArbiter, MotionServer, RunningMotion
 from .navigation_parameters import NavigationParameters, declare_navigation_parameters
 from .request_checks import bounded, check_id
@@ -36,4 +37,6 @@ __all__ = [
     'declare_navigation_parameters',
     'end_by',
     'finish',
+    'following',
+    'set_success',
 ]

@@ -16,13 +16,13 @@ from typing import Any, Final
 
 import numpy
 from geometry_msgs.msg import Point32, Polygon, PolygonStamped
+from nav2_msgs import srv
 from nav2_msgs.msg import Costmap as CostmapMessage
 from nav2_msgs.srv import (
     ClearCostmapAroundPose,
     ClearCostmapAroundRobot,
     ClearCostmapExceptRegion,
     ClearEntireCostmap,
-    GetCost,
     GetCostmap,
 )
 from nav_msgs.msg import OccupancyGrid
@@ -44,6 +44,7 @@ from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
 from .demand import Demand
 from .frames import MapFrame, asked_pose
+from .interface_fields import set_success
 from .navigation_parameters import NavigationParameters
 from .request_checks import bounded
 
@@ -123,7 +124,10 @@ class CostmapServer:
                 for service, (service_type, clear) in zip(services, clears.items(), strict=True):
                     node.create_service(service_type, service, clear)
             node.create_service(GetCostmap, get, partial(self._get, name))
-            node.create_service(GetCost, get_cost, partial(self._get_cost, name))
+            if hasattr(srv, 'GetCosts'):  # as in main
+                node.create_service(srv.GetCosts, get_cost, partial(self._get_costs, name))
+            else:
+                node.create_service(srv.GetCost, get_cost, partial(self._get_cost, name))
 
     # -- for the other servers ---------------------------------------------------------------------------------------
 
@@ -300,13 +304,14 @@ class CostmapServer:
     # -- services ----------------------------------------------------------------------------------------------------
 
     def _clear(self, name: str, clear: Callable[[Any, LayeredCostmap], None], request: Any, response: Any) -> Any:
-        """Nav2's services answer nothing: what is wrong is told in the log."""
+        """Jazzy's services answer nothing: what is wrong is told in the log."""
         try:
             check_limits(request)
             clear(request, self._known(name).layers)
         except FlexbtError as error:
             self._not_cleared(name, error)
         else:
+            set_success(response)
             self._publish(name)
         return response
 
@@ -337,19 +342,35 @@ class CostmapServer:
         return response
 
     def _get_cost(self, name: str, request: Any, response: Any) -> Any:
-        """As Nav2: -1 beside the costmap; the footprint has the greatest cost on its outline, and is lethal there."""
-        response.cost = -1.0
-        self._demand.take()
-        if name not in self._kept or not all(map(math.isfinite, (request.x, request.y, request.theta))):
-            return response
-        points = [(request.x, request.y)]
-        if request.use_footprint:
-            corners = self._footprint(Pose(request.x, request.y, request.theta)).polygon.points
-            points = [(corner.x, corner.y) for corner in corners]
-        costs = [self._cost(name, *point) for point in points]
-        beside = LETHAL if request.use_footprint else -1
-        response.cost = float(max(beside if cost is None else cost for cost in costs))
+        """As Nav2's of jazzy: -1 beside the costmap."""
+        pose = Pose(request.x, request.y, request.theta)
+        cost = self._cost_of(name, pose, use_footprint=request.use_footprint) if pose.is_place else None
+        response.cost = -1.0 if cost is None else cost
         return response
+
+    async def _get_costs(self, name: str, request: Any, response: Any) -> Any:
+        """As Nav2's of main: lethal beside the costmap, without success."""
+        try:
+            check_limits(request)
+            poses = await self._map_frame.known([asked_pose(one, 'a pose', 'INVALID_INPUT') for one in request.poses])
+        except FlexbtError as error:
+            self._runtime.node.get_logger().error(f'no costs of {name}: {error}')
+            return response
+        costs = [self._cost_of(name, pose, use_footprint=request.use_footprint) for pose in poses]
+        response.costs = [float(LETHAL) if cost is None else cost for cost in costs]
+        response.success = None not in costs
+        return response
+
+    def _cost_of(self, name: str, pose: Pose, *, use_footprint: bool) -> float | None:
+        """None beside the costmap; the footprint has the greatest cost on its outline, and is lethal there."""
+        self._demand.take()
+        if name not in self._kept:
+            return None
+        if use_footprint:
+            costs = [self._cost(name, corner.x, corner.y) for corner in self._footprint(pose).polygon.points]
+            return float(max(LETHAL if cost is None else cost for cost in costs))
+        cost = self._cost(name, pose.x, pose.y)
+        return None if cost is None else float(cost)
 
     def _cost(self, name: str, x: float, y: float) -> int | None:
         box, _ = self._shown_part(name)

@@ -49,6 +49,23 @@ def line(*corners: tuple[float, float], spacing: float = 0.05, yaw: float = 0.0)
     return poses
 
 
+def test_where_the_robot_is_on_its_path() -> None:
+    motion = follower(line((1.0, 1.0), (3.0, 1.0), spacing=0.5))
+    for pose, left, turned, passed in (
+        (Pose(1.6, 1.1, 0.3), 0.1, 0.3, 1),
+        (Pose(2.7, 0.9, -0.2), -0.1, -0.2, 3),
+        (Pose(2.9, 1.0, math.pi - 0.1), 0.0, math.pi - 0.1, 3),
+    ):
+        motion.step(pose, 0.0)
+        place = motion.place(pose)
+        assert place == pytest.approx((left, turned, passed, math.dist(pose[:2], (3.0, 1.0))))
+    car = replace(FOLLOWER, turning_radius=0.5)
+    backward = [Pose(3.0 - 0.1 * i, 1.0, 0.0) for i in range(11)]
+    motion = follower(backward, limits=car)
+    motion.step(Pose(2.5, 1.05, 0.1), 0.0)
+    assert motion.place(Pose(2.5, 1.05, 0.1))[:2] == pytest.approx((-0.05, 0.1))
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.data(), worlds(least=30, size=90, blocks=14, resolutions=(0.03, 0.05, 0.1)), st.integers(0, 3))
 def test_it_arrives_wherever_a_plan_leads(data: st.DataObject, world: OccupancyMap, late: int) -> None:
