@@ -188,11 +188,11 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
 
 
 def _messages(records: Iterator[object]) -> Iterator[Recorded]:
-    schemas: dict[int, Schema] = {}
+    schemas: dict[int, tuple[str, str]] = {}  # name and definition, which all messages of the type share
     channels: dict[int, Channel] = {}
     for record in records:
         if isinstance(record, Schema):
-            schemas[record.id] = record
+            schemas[record.id] = record.name, record.data.decode('utf-8', 'replace')
         elif isinstance(record, Channel):
             channels[record.id] = record
         elif isinstance(record, Message) and record.channel_id in channels:
@@ -200,16 +200,7 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
             schema = schemas.get(channel.schema_id)
             topic = channel.metadata.get(RELATIVE_NAME)
             if topic is not None and schema is not None:
-                definition = schema.data.decode('utf-8', 'replace')
-                yield Recorded(
-                    topic,
-                    channel.topic,
-                    schema.name,
-                    definition,
-                    record.data,
-                    record.log_time,
-                    record.publish_time,
-                )
+                yield Recorded(topic, channel.topic, *schema, record.data, record.log_time, record.publish_time)
 
 
 def _sound(records: Iterator[object], at_damage: Callable[[], object]) -> Iterator[object]:

@@ -31,7 +31,7 @@ from flexbt_console.errors import ExitCode, RefusedError, UsageError
 from flexbt_console.link import SCAN_BYTES, OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
 from flexbt_console.present import behavior_line
-from flexbt_console.recording import replay
+from flexbt_console.recording import replay, write_recording
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
@@ -156,6 +156,15 @@ def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path
     player = RunPlayer(tmp_path / 'run.mcap')
     player.go_to(player.find('motor ist \u00fcberhitzt'))
     assert player.time == pytest.approx(1.0, abs=0.1)
+
+
+def test_in_memory_messages_are_as_large_as_in_the_file(tmp_path: Path) -> None:
+    """The definition of a type is some kilobytes, more than most of its messages."""
+    lines = [(number, names.EXECUTIVE_LOG, ExecutiveLog(sequence=number, text='drives')) for number in range(1000)]
+    write_recording(tmp_path / 'run.mcap', lines)
+    messages = list(read_run(tmp_path / 'run.mcap'))
+    held = {id(part): sys.getsizeof(part) for one in messages for part in (one.definition, one.data, one.topic)}
+    assert sum(held.values()) < 2 * sum(len(one.data) + sys.getsizeof(b'') for one in messages)
 
 
 def test_a_recording_of_another_version_is_read_as_long_as_the_fields_are_the_same(tmp_path: Path) -> None:
