@@ -6,10 +6,6 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from sensor_msgs.msg import JointState
-from tf2_msgs.msg import TFMessage
-
-from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import Condition, NodeStatus, input_port
 from flexbt_core.behavior_tree.model import STRING
@@ -56,9 +52,7 @@ class _ThingCondition(TopicCondition):
 
     __slots__ = ()
 
-    message_type = TFMessage
-    default_topic = THINGS
-    qos = names.latched()
+    message_type, default_topic, qos = THINGS.message_type, THINGS.name, THINGS.qos
     ports = {**TopicCondition.ports, 'thing': _THING}
 
 
@@ -103,9 +97,7 @@ class IsDoorOpen(TopicCondition):
 
     __slots__ = ()
 
-    message_type = JointState
-    default_topic = DOORS
-    qos = names.latched()
+    message_type, default_topic, qos = DOORS.message_type, DOORS.name, DOORS.qos
     ports = {**TopicCondition.ports, 'door': input_port(STRING, description='name of the door')}
 
     def holds(self, message: Any | None) -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
@@ -13,10 +14,10 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import NodeStatus, input_port
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_server.leaves import ACTION_PORTS, ActionLeaf
+from flexbt_server.leaves import ACTION_PORTS, ActionLeaf, SubscribedTopic
 
 from .rooms import table_of
-from .scene import position_of, things_cache
+from .scene import THINGS, position_of
 
 BESIDE: Final = 0.5
 """The robot drives so near to a thing, m."""
@@ -67,13 +68,17 @@ class Approach(ActionLeaf):
     default_server = names.NAVIGATE_TO_POSE
     ports = ACTION_PORTS | {'thing': input_port(STRING, description='name of the thing')}
 
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [THINGS]
+
     def on_start(self) -> NodeStatus:
-        things_cache(self.host).on_message(self.context)
+        self.host.topics.cache(THINGS).on_message(self.context)
         return super().on_start()
 
     def make_goal(self) -> Any:
         thing = str(self.get_input('thing'))
-        position = position_of(things_cache(self.host).latest, thing)
+        position = position_of(self.host.topics.cache(THINGS).latest, thing)
         if position is None:
             raise ValueError(f'the robot does not see the {thing}')
         try:

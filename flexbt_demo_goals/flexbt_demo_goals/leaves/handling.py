@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from std_srvs.srv import SetBool
@@ -11,21 +12,26 @@ from std_srvs.srv import SetBool
 from flexbt_common import names
 from flexbt_core.behavior_tree import NodeStatus, input_port
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_server.leaves import SERVICE_PORTS, LeafServices, ServiceLeaf, TopicCache
+from flexbt_server.leaves import SERVICE_PORTS, ServiceLeaf, SubscribedTopic
 
-from .scene import doors_cache, is_held, is_open, position_of, things_cache
+from .scene import DOORS, THINGS, is_held, is_open, position_of
 
 
 class _Switched(ServiceLeaf):
-    """Switches something by SetBool, and waits until what it brings about is told."""
+    """Switches something by SetBool, and waits until what it brings about is told on the topic ``tells``."""
 
     __slots__ = ('_cache',)
 
     service_type = SetBool
     wanted: ClassVar[bool] = True
+    tells: ClassVar[SubscribedTopic]
+
+    @classmethod
+    def subscribes_to(cls) -> Sequence[SubscribedTopic]:
+        return [cls.tells]
 
     def make_request(self) -> Any:
-        self._cache = self.cache(self.host)
+        self._cache = self.host.topics.cache(self.tells)
         self._cache.on_message(self.context)
         return SetBool.Request(data=self.wanted)
 
@@ -33,10 +39,6 @@ class _Switched(ServiceLeaf):
         if not response.success:
             return self.fail(response.message)
         return NodeStatus.SUCCESS if self.is_done(self._cache.latest) else NodeStatus.RUNNING
-
-    @abstractmethod
-    def cache(self, services: LeafServices) -> TopicCache:
-        """The topic that tells it."""
 
     @abstractmethod
     def is_done(self, message: Any | None) -> bool:
@@ -49,10 +51,8 @@ class PickUp(_Switched):
     __slots__ = ()
 
     default_service = names.GRIPPER
+    tells = THINGS
     ports = SERVICE_PORTS | {'thing': input_port(STRING, description='name of the thing')}
-
-    def cache(self, services: LeafServices) -> TopicCache:
-        return things_cache(services)
 
     def is_done(self, message: Any | None) -> bool:
         return is_held(message, str(self.get_input('thing')))
@@ -64,11 +64,9 @@ class PutDown(_Switched):
     __slots__ = ()
 
     default_service = names.GRIPPER
+    tells = THINGS
     wanted = False
     ports = PickUp.ports
-
-    def cache(self, services: LeafServices) -> TopicCache:
-        return things_cache(services)
 
     def is_done(self, message: Any | None) -> bool:
         return position_of(message, str(self.get_input('thing'))) is not None
@@ -79,14 +77,12 @@ class OpenDoor(_Switched):
 
     __slots__ = ()
 
+    tells = DOORS
     ports = SERVICE_PORTS | {'door': input_port(STRING, description='name of the door')}
 
     @property
     def service_name(self) -> str:
         return str(self.get_input_or('service_name', '') or f'simulator/doors/{self.get_input("door")}')
-
-    def cache(self, services: LeafServices) -> TopicCache:
-        return doors_cache(services)
 
     def is_done(self, message: Any | None) -> bool:
         return is_open(message, str(self.get_input('door')))

@@ -9,10 +9,14 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
-from flexbt_server.leaves import LeafServices, TopicCache
+from flexbt_server.leaves import SubscribedTopic
 
-THINGS: Final = 'simulator/things'
-DOORS: Final = 'simulator/doors'
+THINGS: Final = SubscribedTopic(TFMessage, 'simulator/things', qos=names.latched())
+"""Where things are: on the map, or in the gripper."""
+
+DOORS: Final = SubscribedTopic(JointState, 'simulator/doors', qos=names.latched())
+"""How far doors are open."""
+
 MAP: Final = 'map'
 
 REACH: Final = 0.75
@@ -20,16 +24,6 @@ REACH: Final = 0.75
 
 OPEN: Final = 0.95
 """A door that is so far open, of 1, can be passed."""
-
-
-def things_cache(services: LeafServices) -> TopicCache:
-    """The topic that tells where things are: on the map, or in the gripper."""
-    return services.topics.cache(TFMessage, THINGS, names.latched())
-
-
-def doors_cache(services: LeafServices) -> TopicCache:
-    """The topic that tells how far doors are open."""
-    return services.topics.cache(JointState, DOORS, names.latched())
 
 
 def position_of(message: TFMessage | None, thing: str) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.monitors import Monitoring
 from flexbt_core.values import sendable, shown
 from flexbt_msgs.action import BtExecute
-from flexbt_server.leaves import LeafServices
+from flexbt_server.leaves import LeafServices, SubscribedTopic
 from flexbt_server.runs import NoStream, RunOutcome, RunWatcher, TreeRun, TreeStream, watched_by
 from flexbt_server.trees import Blackboards, FoundTree, TreeStore, Value
 
@@ -94,7 +94,7 @@ class TreeGoals:
         self._reader = reader
         self._watchers = watchers
         self._stream = TreeStream(runtime) if parameters.publish_statuses else NoStream()
-        self._pose = services.topics.cache(PoseStamped, parameters.pose_topic, 1)  # as the leaves do
+        self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # as the leaves do
         self.running = RunningTrees()
         self.owners = GoalOwners(runtime, parameters.peer_timeout)
         self._goals: dict[bytes, TreeGoal] = {}

@@ -16,7 +16,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
 from flexbt_common.runtime import LatestMessage, NodeRuntime
-from flexbt_core.behavior_tree import TreeContext
+from flexbt_core.behavior_tree import TreeContext, TreeNode
 from flexbt_server.trees import WeakLruCache
 
 MOST_TOPICS: Final = 100
@@ -30,6 +30,12 @@ class SubscribedTopic(NamedTuple):
     name: str
     port: str = ''
     qos: QoSProfile | int = 1
+
+    def of(self, node: TreeNode) -> SubscribedTopic:
+        """With the name that its port has in the tree, as the blackboard is now. Raises PortError, as the port."""
+        given = self.port and node.port_text(self.port) is not None
+        name = str(node.get_input(self.port)) if given else ''
+        return self._replace(name=name or self.name)
 
 
 @runtime_checkable
@@ -93,14 +99,13 @@ class TopicCaches:
         self._runtime = runtime
         self._caches: WeakLruCache[tuple[str, type[Any], str], TopicCache] = WeakLruCache(MOST_TOPICS)
 
-    def cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
-        """The cache of a topic, subscribed to when nobody has it yet. ``qos`` may be a depth, as in ROS. From any
-        thread.
+    def cache(self, topic: SubscribedTopic) -> TopicCache:
+        """The cache of a topic by its name, subscribed to when nobody has it yet. From any thread.
 
         Raises:
             ValueError: no topic can have that name.
         """
-        return self._runtime.call(lambda: self._cache(message_type, topic, qos))
+        return self._runtime.call(lambda: self._cache(topic))
 
     def subscribe(self, topics: Iterable[SubscribedTopic]) -> None:
         """Subscribe to topics before anybody reads them, so that what is said until then is known; to no more than are
@@ -111,12 +116,13 @@ class TopicCaches:
 
     def _subscribe(self, topic: SubscribedTopic) -> None:
         with suppress(ValueError):  # whoever reads it says so
-            self._cache(topic.message_type, topic.name, topic.qos)
+            self._cache(topic)
 
-    def _cache(self, message_type: type[Any], topic: str, qos: QoSProfile | int) -> TopicCache:
+    def _cache(self, topic: SubscribedTopic) -> TopicCache:
+        message_type, name, _, qos = topic
         profile = QoSProfile(depth=qos) if isinstance(qos, int) else qos
         try:
-            key = (self._runtime.node.resolve_topic_name(topic), message_type, str(profile))
-            return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, topic, profile))
+            key = (self._runtime.node.resolve_topic_name(name), message_type, str(profile))
+            return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, name, profile))
         except (RCLError, InvalidTopicNameException) as error:
-            raise ValueError(f'no topic can be called {topic!r}: {error}') from error
+            raise ValueError(f'no topic can be called {name!r}: {error}') from error

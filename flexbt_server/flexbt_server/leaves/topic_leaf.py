@@ -46,18 +46,14 @@ class TopicCondition(Condition):
         return [SubscribedTopic(cls.message_type, cls.default_topic, cls.topic_port, cls.qos)]
 
     @property
-    def topic(self) -> str:
-        """Name of the topic, as the node resolves it."""
-        return str(self.get_input_or(self.topic_port, '') or self.default_topic)
-
-    @property
     def is_informed(self) -> bool:
         return self._cache is not None and self._cache.latest is not None
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
             services: LeafServices = self.services
-            self._cache = services.topics.cache(self.message_type, self.topic, self.qos)
+            (topic,) = self.subscribes_to()
+            self._cache = services.topics.cache(topic.of(self))
             self._cache.on_message(self.context)
         message = self._cache.latest
         if self.holds(message):

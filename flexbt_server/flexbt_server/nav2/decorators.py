@@ -53,6 +53,7 @@ class SpeedController(nav2_motion.SpeedController):
         'goal': replace(nav2_motion.SpeedController.ports['goal'], type=POSE_STAMPED),
         'goals': replace(nav2_motion.SpeedController.ports['goals'], type=POSES),
     }
+    odometry = SubscribedTopic(Odometry, names.ODOM)
     example = Example(
         """
         <SpeedController min_rate="0.1" max_rate="1.0" max_speed="0.5" goal="{goal}">
@@ -67,12 +68,12 @@ class SpeedController(nav2_motion.SpeedController):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        return [SubscribedTopic(Odometry, names.ODOM)]
+        return [cls.odometry]
 
     def speed(self) -> float:
         if self._cache is None:
             services: LeafServices = self.services
-            self._cache = services.topics.cache(Odometry, names.ODOM, 1)
+            self._cache = services.topics.cache(self.odometry)
         odometry = self._cache.latest
         if odometry is None:
             return 0.0
@@ -95,7 +96,7 @@ class GoalUpdater(Decorator):
         'output_goals': output_port(POSES, description='the same goals, or newer ones', nav2_branch='main'),
     }
     nav2_branch = 'jazzy'
-    topic = 'goal_update'
+    goal_update = SubscribedTopic(PoseStamped, 'goal_update')
     example = Example(
         """
         <GoalUpdater input_goal="{goal}" output_goal="{newest}">
@@ -110,11 +111,11 @@ class GoalUpdater(Decorator):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        return [SubscribedTopic(PoseStamped, cls.topic)]
+        return [cls.goal_update]
 
     def tick(self) -> NodeStatus:
         if self._cache is None:
-            self._cache = self.subscribe(PoseStamped, self.topic)
+            self._cache = self.subscribe(self.goal_update)
         goal = PoseStamped() if self.port_text('input_goal') is None else self.get_input('input_goal')
         published = self._cache.latest
         if published is not None and self.newer(_stamp(published), _stamp(goal)):
@@ -125,10 +126,10 @@ class GoalUpdater(Decorator):
             self.set_output('output_goals', goals)
         return self.tick_child()
 
-    def subscribe(self, message_type: type[Any], topic: str) -> TopicCache:
+    def subscribe(self, topic: SubscribedTopic) -> TopicCache:
         """The messages of a topic, which tick the tree."""
         services: LeafServices = self.services
-        cache = services.topics.cache(message_type, topic, 1)
+        cache = services.topics.cache(topic)
         cache.on_message(self.context)
         return cache
 
@@ -153,7 +154,7 @@ class GoalUpdaterOfMain(GoalUpdater):
     xml_name = 'GoalUpdater'
     nav2_branch = 'main'
     ports = {**GoalUpdater.ports, 'input_goal': replace(GoalUpdater.ports['input_goal'], required=False)}
-    goals_topic = 'goals_update'
+    goals_update = SubscribedTopic(Goals, 'goals_update')
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -161,7 +162,7 @@ class GoalUpdaterOfMain(GoalUpdater):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        return [*super().subscribes_to(), SubscribedTopic(Goals, cls.goals_topic)]
+        return [*super().subscribes_to(), cls.goals_update]
 
     def newer(self, published: tuple[int, int], given: tuple[int, int]) -> bool:
         return published >= given and published != (0, 0)
@@ -170,7 +171,7 @@ class GoalUpdaterOfMain(GoalUpdater):
         if self.port_key('output_goals') is None:
             return goals
         if self._goals is None:
-            self._goals = self.subscribe(Goals, self.goals_topic)
+            self._goals = self.subscribe(self.goals_update)
         published = self._goals.latest
         given = _stamp(goals[0]) if goals else (0, 0)
         if published is not None and published.goals and self.newer(_stamp(published), given):

@@ -93,6 +93,7 @@ class CheckStopStatus(StatefulAction):
         'velocity_threshold': input_port(DOUBLE, default='0.01', description='m/s and rad/s below which it stands'),
         'duration_stopped': input_port(UNSIGNED, default='1000', description='how long, ms'),
     }
+    odometry = SubscribedTopic(Odometry, names.ODOM)
     example = Example('<CheckStopStatus velocity_threshold="0.05" duration_stopped="500"/>')
 
     def __init__(self, config: NodeConfig) -> None:
@@ -102,12 +103,12 @@ class CheckStopStatus(StatefulAction):
 
     @classmethod
     def subscribes_to(cls) -> Sequence[SubscribedTopic]:
-        return [SubscribedTopic(Odometry, names.ODOM)]
+        return [cls.odometry]
 
     def on_start(self) -> NodeStatus:
         if self._cache is None:
             services: LeafServices = self.services
-            self._cache = services.topics.cache(Odometry, names.ODOM, 1)
+            self._cache = services.topics.cache(self.odometry)
             self._cache.on_message(self.context)
         self._since = None
         return self.on_running()
@@ -203,7 +204,8 @@ class _Selector(SyncAction):
     def tick(self) -> NodeStatus:
         if self._cache is None:
             services: LeafServices = self.services
-            self._cache = services.topics.cache(String, str(self.get_input('topic_name')), names.latched())
+            (topic,) = self.subscribes_to()
+            self._cache = services.topics.cache(topic.of(self))
             self._cache.on_message(self.context)
         message = self._cache.latest
         name = (message.data if message is not None else '') or str(self.get_input_or(self.default, ''))

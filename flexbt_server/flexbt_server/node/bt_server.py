@@ -22,7 +22,15 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions import ControlServer, DataServers, ExecuteServer, LoadServer
 from flexbt_server.errors import BtServerError, ServerParameterError, UnknownTreeError
 from flexbt_server.goals import TreeGoals, tree_reader
-from flexbt_server.leaves import EndingGoals, LeafServices, RobotFrames, TopicCaches, TriggerServices, subscribed_topics
+from flexbt_server.leaves import (
+    EndingGoals,
+    LeafServices,
+    RobotFrames,
+    SubscribedTopic,
+    TopicCaches,
+    TriggerServices,
+    subscribed_topics,
+)
 from flexbt_server.navigators import DEFAULT_TREES, NavigatorParameters, Navigators
 from flexbt_server.node_types import node_registry
 from flexbt_server.runs import Groot2Runs, RunLogs, RunWatcher, TreeLogs
@@ -79,7 +87,7 @@ class BtServer:
             ),
             frames=RobotFrames(
                 runtime,
-                topics.cache(PoseStamped, parameters.pose_topic, 1),
+                topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic)),
                 parameters.navigators.global_frame,
                 parameters.robot_base_frame,
             ),

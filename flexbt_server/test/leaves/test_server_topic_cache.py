@@ -13,7 +13,7 @@ from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
-from flexbt_server.leaves import TopicCaches, TriggerServices
+from flexbt_server.leaves import SubscribedTopic, TopicCaches, TriggerServices
 from flexbt_testing.waiting import wait_until
 
 
@@ -31,23 +31,23 @@ def test_another_quality_of_service_is_another_subscription(runtime: NodeRuntime
     caches = TopicCaches(runtime)
     publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'selector', names.latched()))
     publisher.publish(String(data='said before'))
-    volatile = caches.cache(String, 'selector', 1)
-    latched = caches.cache(String, 'selector', names.latched())
+    volatile = caches.cache(SubscribedTopic(String, 'selector'))
+    latched = caches.cache(SubscribedTopic(String, 'selector', qos=names.latched()))
     said = wait_until(lambda: latched.latest, 'what was said before')
     assert said.data == 'said before'
     assert volatile.latest is None
-    assert caches.cache(String, '/selector', QoSProfile(depth=1)) is volatile
+    assert caches.cache(SubscribedTopic(String, '/selector', qos=QoSProfile(depth=1))) is volatile
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    assert caches.cache(String, 'selector', best_effort) is not volatile
+    assert caches.cache(SubscribedTopic(String, 'selector', qos=best_effort)) is not volatile
 
 
 def test_topics_that_no_tree_needs_are_not_kept(runtime: NodeRuntime, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('flexbt_server.leaves.topic_cache.MOST_TOPICS', 10)
     before = subscriptions(runtime)
     caches = TopicCaches(runtime)
-    held = caches.cache(String, 'held', 1)
+    held = caches.cache(SubscribedTopic(String, 'held'))
     for number in range(50):
-        caches.cache(String, f'topic{number}', 1)
+        caches.cache(SubscribedTopic(String, f'topic{number}'))
     gc.collect()
     wait_until(lambda: subscriptions(runtime) == before + 11, lambda: f'{subscriptions(runtime)} subscriptions')
     publisher = runtime.call(lambda: runtime.node.create_publisher(String, 'held', 1))
@@ -57,7 +57,7 @@ def test_topics_that_no_tree_needs_are_not_kept(runtime: NodeRuntime, monkeypatc
 
 
 def test_a_pose_with_far_too_much_in_it_is_left_aside(runtime: NodeRuntime) -> None:
-    cache = TopicCaches(runtime).cache(PoseStamped, 'pose', 10)
+    cache = TopicCaches(runtime).cache(SubscribedTopic(PoseStamped, 'pose', qos=10))
     publisher = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, 'pose', 10))
     wait_until(publisher.get_subscription_count, 'the subscription')
     message = PoseStamped()
