@@ -33,7 +33,7 @@ Every command has these options on the command line:
 |---|---|"""
 CODES: Final = """\
 
-A script acts on the exit code:
+What a command waits for is said on standard error, when that takes longer than a second. A script acts on the exit code:
 
 | exit code | meaning |
 |---|---|"""

@@ -153,7 +153,7 @@ def _run(line: CommandLine) -> ExitCode:
             fleet = _fleet(line, runtime, None).fleet
             return list_robots(fleet, runtime.steady, _timeout(line), as_json=line.has('--json'))
         mirror, link, make = _parts(line, runtime)
-        return run(Session(mirror, link, make, line, _timeout(line)))
+        return run(Session(mirror, link, make, line, _timeout(line), runtime.steady))
 
 
 def _complete(line: CommandLine) -> ExitCode:

@@ -150,8 +150,27 @@ def test_exit_code_4_when_nobody_answers(executives: Any) -> None:
 
 def test_exit_code_5_without_an_executive() -> None:
     done = console('status', '--json', namespace='nobody', timeout='0.5')
-    assert done.returncode == 5
+    assert done.returncode == 5 and done.stderr == ''
     assert json.loads(done.stdout)['result'] == 'no_link'
+
+
+@pytest.mark.parametrize(
+    ('words', 'wanted'),
+    [
+        (['status', '--json'], 'an executive (none was heard yet)'),
+        (['robots'], 'the status of /nobody'),
+        (['stop'], 'the answer of the executive'),
+    ],
+)
+def test_what_takes_long_is_said_beside_the_answer(executives: Any, words: list[str], wanted: str) -> None:
+    namespace = 'nobody'
+    if words == ['stop']:
+        namespace = 'dumb'
+        executives(namespace, faults=Faults(swallow_commands=True))
+    done = console(*words, namespace=namespace, timeout='1.2')
+    assert done.returncode in (ExitCode.NO_LINK, ExitCode.TIMEOUT)
+    assert f'waiting for {wanted}, 1.2 s at most ...' in done.stderr.splitlines()
+    assert 'waiting' not in done.stdout
 
 
 @pytest.mark.parametrize(('words', 'state'), [([], LinkState.LOST), (['--lost-after', '10000'], LinkState.STALE)])
@@ -221,7 +240,8 @@ def test_a_command_that_is_interrupted_does_not_say_applied(executives: Any, num
         wait_until(lambda: executive.do(lambda: len(executive.received)), 'the command')
         waiting.send_signal(number)
         assert waiting.wait(timeout=60) == 130
-        assert waiting.stderr.read() == ''
+        told = waiting.stderr.read().splitlines()
+        assert all(line.startswith('waiting for ') for line in told), told
 
 
 def test_a_signal_while_ros_is_joined_ends_the_command_in_order(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -30,7 +31,9 @@ from flexbt_console.present import (
     has_colours,
     result_json,
 )
+from flexbt_core.clock import Clock
 
+from .waiting import tell_progress, told_wait
 from .watch import watch
 
 T = TypeVar('T')
@@ -58,6 +61,23 @@ class Session:
     make: CommandBuilder
     line: CommandLine
     timeout: float
+    clock: Clock
+
+    def waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
+        """As :func:`flexbt_console.ui.line.waiting.told_wait`."""
+        return told_wait(self.clock, what, self.timeout)
+
+    def live_view(self) -> View:
+        """As that of the link, within the time-out."""
+
+        def wanted() -> str:
+            view = self.mirror.view()
+            if view.snapshot is None:
+                return f'an executive ({view.problem or "none was heard yet"})'
+            return f'a picture that is live ({view.problem or f"the last one is {view.age or 0.0:.1f} s old"})'
+
+        with self.waiting_for(wanted):
+            return self.link.live_view(self.timeout)
 
     @property
     def json(self) -> bool:
@@ -95,8 +115,8 @@ def run(session: Session) -> ExitCode:
     if isinstance(spec.action, Show):
         return _show(session, spec, spec.action)
     if isinstance(spec.action, Ask):
-        session.link.live_view(session.timeout)
-        shown = spec.action.ask(session.line, session.link, session.timeout, _tell_progress)
+        session.live_view()
+        shown = spec.action.ask(session.line, session.link, session.timeout, tell_progress)
         _print(session, shown)
         return ExitCode.REFUSED if shown.is_refusal else ExitCode.OK
     as_json = session.json or session.line.has('--jsonl')
@@ -108,7 +128,7 @@ def _show(session: Session, spec: CommandSpec, action: Show) -> ExitCode:
     view = session.mirror.view()
     if spec.link is not LinkNeed.NONE:
         try:
-            view = session.link.live_view(session.timeout)
+            view = session.live_view()
         except NoLinkError:
             view = session.mirror.view()
             if view.snapshot is None or spec.link is LinkNeed.LIVE:
@@ -124,15 +144,17 @@ def _prepared(session: Session, spec: CommandSpec, view: View, timeout: float) -
     has_arrived = spec.has_arrived
     if has_arrived is None:
         return view
-    return session.link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
+    with session.waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
+        return session.link.wait_for(lambda now: now if has_arrived(now) else None, timeout) or view
 
 
 def _send(session: Session, spec: CommandSpec) -> ExitCode:
-    view = _prepared(session, spec, session.link.live_view(session.timeout), LATCHED_SECONDS)
+    view = _prepared(session, spec, session.live_view(), LATCHED_SECONDS)
     run_before = view.snapshot.run_id if view.snapshot else ''
     command = build(session.line, view, session.make)
     session.link.send(command, session.timeout, spec.name)
-    tracked = session.link.settled(command.id, session.timeout + 1.0) or session.mirror.command(command.id)
+    with session.waiting_for(lambda: 'the answer of the executive'):
+        tracked = session.link.settled(command.id, session.timeout + 1.0) or session.mirror.command(command.id)
     if tracked is None:
         raise NoAnswerError('no answer')
     exit_code = EXIT_CODES[tracked.state]
@@ -184,10 +206,6 @@ def _print(session: Session, shown: Shown) -> None:
     colours = has_colours(sys.stdout)
     text = '\n'.join(coloured(line, colours) for line in shown.text)
     print(encode_json(shown.value) if session.json else text, file=sys.stdout, flush=True)
-
-
-def _tell_progress(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 def _other(now: tuple[Any, ...], before: tuple[Any, ...]) -> tuple[Any, ...] | None:

@@ -13,6 +13,8 @@ from flexbt_console.mirror import Fleet
 from flexbt_console.present import coloured, encode_json, has_colours, robot_line, robots_json
 from flexbt_core.clock import Clock
 
+from .waiting import told_wait
+
 T = TypeVar('T')
 
 QUIET_SECONDS: Final = 1.0
@@ -40,9 +42,15 @@ def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) ->
     def heard() -> tuple[tuple[str, bool, bool], ...]:
         return tuple(sorted((one.name, one.view.snapshot is not None, one.view.live) for one in fleet.overview()))
 
-    _settled(
-        fleet, clock, timeout, heard, lambda robots: QUIET_SECONDS if all(one[1] for one in robots) else HEAR_SECONDS
-    )
+    def quiet(robots: tuple[tuple[str, bool, bool], ...]) -> float:
+        return QUIET_SECONDS if all(one[1] for one in robots) else HEAR_SECONDS
+
+    def wanted() -> str:
+        unheard = [name for name, is_heard, _ in heard() if not is_heard]
+        return f'the status of {", ".join(unheard)}' if unheard else '' if heard() else 'robots'
+
+    with told_wait(clock, wanted, timeout):
+        _settled(fleet, clock, timeout, heard, quiet)
     robots = fleet.overview()
     if not any(one.view.snapshot for one in robots):
         raise NoLinkError(f'no robot was heard within {timeout:g} s in this ROS_DOMAIN_ID')
