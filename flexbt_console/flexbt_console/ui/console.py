@@ -241,7 +241,7 @@ def _run_replay(line: CommandLine) -> ExitCode:
 
 def _run_web(line: CommandLine) -> ExitCode:
     try:
-        from .web import Access, Station, WebServer, print_address, run_web
+        from .web import Access, PageStation, WebServer, print_address, run_web
     except ModuleNotFoundError as error:
         if error.name != 'aiohttp':
             raise
@@ -256,8 +256,8 @@ def _run_web(line: CommandLine) -> ExitCode:
         operator, simulator = _operator(line), SimulatorLink(runtime)
         attention = Attention(runtime.steady)
 
-        def station(mirror: Mirror, link: CommandedRobot) -> Station:
-            return Station(mirror, link, CommandBuilder(operator), _timeout(line), attention, simulator)
+        def station(mirror: Mirror, link: CommandedRobot) -> PageStation:
+            return PageStation(mirror, link, CommandBuilder(operator), _timeout(line), attention, obstacles=simulator)
 
         server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
         run_web(server.application(), access, _port(line), print_address)

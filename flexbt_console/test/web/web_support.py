@@ -40,7 +40,7 @@ from flexbt_console.mirror import (
     UserdataScope,
 )
 from flexbt_console.ui.interaction import Attention
-from flexbt_console.ui.web import Access, Station, WebServer, serving
+from flexbt_console.ui.web import Access, PageStation, WebServer, serving
 from flexbt_core.clock import ManualClock
 
 NASTY = '<img src=x onerror=alert(1)>'
@@ -145,23 +145,23 @@ class WebRobot(NobodyAsked):
         """The kinds of what has come."""
         return [command.kind for command in self.sent]
 
-    def station(self, obstacles: Any = None) -> Station:
+    def station(self, obstacles: Any = None) -> PageStation:
         """What its page needs."""
-        return Station(self.mirror, self, CommandBuilder('ann'), 5.0, Attention(self.clock), obstacles)
+        return PageStation(self.mirror, self, CommandBuilder('ann'), 5.0, Attention(self.clock), obstacles=obstacles)
 
 
 class WebRobots:
     """Robots by their names, as the page finds them; ``opened`` are those of which somebody sees what is around."""
 
-    def __init__(self, stations: Mapping[str, Station]) -> None:
+    def __init__(self, stations: Mapping[str, PageStation]) -> None:
         self.fleet = Fleet()
         self.own = next(iter(stations), '/')
         self.opened: list[str] = []
-        self.stations: dict[str, Station] = {}
+        self.stations: dict[str, PageStation] = {}
         for name, station in stations.items():
             self.come(name, station)
 
-    def come(self, name: str, station: Station) -> None:
+    def come(self, name: str, station: PageStation) -> None:
         """It is found."""
         self.stations[name] = station
         self.fleet.add(name, station.mirror)
@@ -179,14 +179,16 @@ class WebRobots:
         """See :class:`flexbt_console.ui.web.Robots`."""
         self.opened.remove(name)
 
-    def station(self, mirror: Mirror, link: CommandedRobot) -> Station:
+    def station(self, mirror: Mirror, link: CommandedRobot) -> PageStation:
         """What the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
-        return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))
+        return next(known, PageStation(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock())))
 
 
 @contextlib.contextmanager
-def served(stations: Mapping[str, Station] | WebRobots, access: Access | None = None, port: int = 0) -> Iterator[int]:
+def served(
+    stations: Mapping[str, PageStation] | WebRobots, access: Access | None = None, port: int = 0
+) -> Iterator[int]:
     """The server of these robots on a thread of its own, for the time of the context; gives its port."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)

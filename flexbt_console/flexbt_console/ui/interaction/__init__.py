@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from .attention import Attention
+from .carrying_out import Later, Reading, Station, carry_out
 from .keys import KEYS, Key, help_lines
 from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
@@ -19,12 +20,16 @@ __all__ = [
     'Attention',
     'Bound',
     'Key',
+    'Later',
     'Local',
     'Meaning',
     'NoLiveLinkError',
     'OnSignal',
+    'Reading',
     'SentCommands',
     'ShownDecision',
+    'Station',
+    'carry_out',
     'choose',
     'help_lines',
     'interpret',

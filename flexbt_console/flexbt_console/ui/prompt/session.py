@@ -25,17 +25,9 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands import (
-    Ask,
-    CommandBuilder,
-    CommandedRobot,
-    Show,
-    candidates,
-    prompt_command_help,
-    prompt_help,
-)
+from flexbt_console.commands import CommandBuilder, CommandedRobot, candidates
 from flexbt_console.errors import ConsoleError
-from flexbt_console.mirror import Mirror, View
+from flexbt_console.mirror import Command, Mirror, View
 from flexbt_console.pictures import fold
 from flexbt_console.present import (
     SETTLE_SECONDS,
@@ -49,12 +41,15 @@ from flexbt_console.present import (
 from flexbt_console.ui.interaction import (
     Attention,
     Bound,
+    Later,
     Local,
-    Meaning,
     NoLiveLinkError,
     OnSignal,
+    Reading,
     SentCommands,
     ShownDecision,
+    Station,
+    carry_out,
     interpret,
     standard_error_as_lines,
 )
@@ -130,15 +125,11 @@ class Prompt:
         output: Output | None = None,
     ) -> None:
         self._mirror = mirror
-        self._link = link
-        self._make = make
-        self._timeout = timeout
+        self._station = Station(mirror, link, make, timeout, Attention(clock), leaving)
         self._clock = clock
-        self._leaving = leaving
         self._on_signal = on_signal
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
-        self._attention = Attention(clock)
         self._follower = Follower(mirror)
         self._history = _History()
         self._sent = SentCommands(clock)
@@ -181,7 +172,7 @@ class Prompt:
             self._session.default_buffer.text = text[: MOST_TYPED + 1]
             return
         if text:
-            self._attention.touched(self._mirror.view(), self._shown.shown)
+            self._station.attention.touched(self._mirror.view(), self._shown.shown)
         self._shown.typed(text)
 
     async def run(self) -> None:
@@ -190,7 +181,7 @@ class Prompt:
         self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
-        self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._leaving}.'])
+        self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._station.leaving}.'])
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._on_signal(self._over.set))
             stack.enter_context(self._session.app.input.raw_mode())
@@ -238,32 +229,29 @@ class Prompt:
         for held in self._held:
             self._print(_warned([f'{one_line(held.text)}: given up; nothing was sent']))
         if not text.strip() and not self._held:
-            self._print([f'Ctrl-C clears the line. "quit" leaves: {self._leaving}. "stop" stops the robot.'])
+            self._print([f'Ctrl-C clears the line. "quit" leaves: {self._station.leaving}. "stop" stops the robot.'])
         self._held.clear()
 
     def _do(self, text: str, bound: Bound) -> bool:
         """Do what a line says; False to quit."""
         view = self._mirror.view()
         try:
-            meaning = interpret(text, view, self._make, bound)
-            if meaning.local is Local.QUIT:
-                return False
-            if meaning.local is Local.HELP:
-                self._print(self._help(meaning))
-            elif meaning.local is Local.SHOW:
-                self._print(_show(meaning, view, self._mirror))
-            elif meaning.local is Local.ASK:
-                threading.Thread(target=self._ask, args=(meaning,), name='ask', daemon=True).start()
+            meaning = interpret(text, view, self._station.make, bound)
+            done = carry_out(meaning, view, self._station)
         except NoLiveLinkError:
-            self._held.append(_Held(text, bound, self._clock.now() + self._timeout))
-            told = f'{one_line(text)}: waits for a live link, {self._timeout:g} s at most; Ctrl-C gives it up'
+            self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout))
+            told = f'{one_line(text)}: waits for a live link, {self._station.timeout:g} s at most; Ctrl-C gives it up'
             self._print(_warned([told]))
         except ConsoleError as error:
             self._print(_warned(lines(str(error))))
         else:
-            if meaning.command is not None:
-                self._link.send(self._attention.measured(meaning.command), self._timeout, meaning.label)
-                self._sent.add(self._mirror, meaning.command.id)
+            if isinstance(done, Command):
+                self._sent.add(self._mirror, done.id)
+            elif isinstance(done, Reading):
+                self._print(done.text)
+            elif done is not None:
+                threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True).start()
+            return meaning.local is not Local.QUIT
         return True
 
     def _do_held(self) -> None:
@@ -273,18 +261,15 @@ class Prompt:
             if is_live:
                 self._do(held.text, held.bound)
             else:
-                text = f'{one_line(held.text)}: there was no live link within {self._timeout:g} s; nothing was sent'
-                self._print(_warned([text]))
+                late = f'there was no live link within {self._station.timeout:g} s; nothing was sent'
+                self._print(_warned([f'{one_line(held.text)}: {late}']))
 
-    def _ask(self, meaning: Meaning) -> None:
+    def _ask(self, name: str, later: Later) -> None:
         """Ask the executive, on a thread of its own: the answer may be long in coming."""
-        assert meaning.line is not None and meaning.line.spec is not None
-        action = meaning.line.spec.action
-        assert isinstance(action, Ask)
         try:
-            text = action.ask(meaning.line, self._link, self._timeout, self._tell_later).text
+            text = later(self._station.link, self._tell_later).text
         except ConsoleError as error:
-            text = _warned([f'{meaning.line.spec.name}: {line}' for line in lines(str(error))])
+            text = _warned([f'{name}: {line}' for line in lines(str(error))])
         except Exception as error:
             text = _fault_lines(error)
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
@@ -302,10 +287,6 @@ class Prompt:
             self._over.set()
         else:
             self._print(_fault_lines(error or RuntimeError(context['message'])))
-
-    def _help(self, meaning: Meaning) -> list[str]:
-        spec = meaning.line.spec if meaning.line else None
-        return prompt_help(self._leaving) if spec is None else prompt_command_help(spec)
 
     def _toolbar(self) -> StyleAndTextTuples:
         view = self._mirror.view()
@@ -329,7 +310,7 @@ class Prompt:
         if self._ended:
             return
         view = self._mirror.view()
-        self._attention.pending([view])
+        self._station.attention.pending([view])
         self._do_held()
         if self._is_settled(view):
             self._tell(view)
@@ -404,13 +385,6 @@ class _PromptCompleter(Completer):
         last = text.rpartition(' ')[2]
         for word in candidates(text, self._mirror.view()):
             yield Completion(word, start_position=-len(last))
-
-
-def _show(meaning: Meaning, view: View, known: Mirror) -> list[str]:
-    assert meaning.line is not None and meaning.line.spec is not None
-    action = meaning.line.spec.action
-    assert isinstance(action, Show)
-    return action.show(meaning.line, view, known).text
 
 
 def _fault_lines(error: BaseException) -> list[str]:

@@ -4,14 +4,14 @@
 from .access import Access
 from .run import print_address, run_web, screen_application, serving
 from .server import MOST_PAGES, WebServer
-from .station import Obstacles, Robots, Station
+from .station import Obstacles, PageStation, Robots
 
 __all__ = [
     'MOST_PAGES',
     'Access',
     'Obstacles',
+    'PageStation',
     'Robots',
-    'Station',
     'WebServer',
     'print_address',
     'run_web',

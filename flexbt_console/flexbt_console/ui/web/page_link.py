@@ -16,7 +16,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import Fleet, RobotOverview
+from flexbt_console.mirror import Command, Fleet, RobotOverview
 from flexbt_console.present import encode_json, tone_of
 from flexbt_console.ui.interaction import SentCommands
 from flexbt_core.clock import SteadyClock
@@ -24,8 +24,8 @@ from flexbt_core.values import lines, one_line
 
 from .drawings import Drawings, machine_drawing, tree_drawing
 from .picture import COMMAND_PART, log_part, map_part, other_robots, parts_of, robot_lines, times_part
-from .requests import Allowance, Answer, Later, carry_out, read
-from .station import Station
+from .requests import Allowance, Later, Told, answered, read
+from .station import PageStation
 
 PERIOD: Final = 0.1
 """Seconds between two pictures for a page, at least."""
@@ -50,7 +50,7 @@ class PageLink:
 
     _fleet: Fleet
     _robot: str
-    _station: Station
+    _station: PageStation
 
     def __init__(
         self, socket: web.WebSocketResponse, drawings: Drawings, knows_token: Callable[[object], bool]
@@ -75,7 +75,7 @@ class PageLink:
         """Something has changed; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, fleet: Fleet, robot: str, station: Station) -> None:
+    async def serve(self, fleet: Fleet, robot: str, station: PageStation) -> None:
         """Show that robot, and lines of the others, until the page or the server ends it; after :meth:`is_welcome`."""
         self._fleet, self._robot, self._station = fleet, robot, station
         await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
@@ -208,18 +208,18 @@ class PageLink:
 
     async def _answer(self, text: str) -> None:
         try:
-            answer = carry_out(read(text), self._station, self._left)  # here, so that a stop waits for nothing
+            answer = answered(read(text), self._station, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
-            if not isinstance(answer, Answer):
-                await self._send(answer)
-            elif answer.command is not None:
-                self._sent.add(self._station.mirror, answer.command.id)
+            if isinstance(answer, Command):
+                self._sent.add(self._station.mirror, answer.id)
                 self._changed.set()
-            elif answer.title:
-                await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.lines)}})
-            elif answer.lines:
-                await self._tell(list(answer.lines), 'plain')
+            elif isinstance(answer, dict):
+                await self._send(answer)
+            elif answer is not None and answer.title:
+                await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.text)}})
+            elif answer is not None:
+                await self._tell(answer.text, 'plain')
         except ConsoleError as error:
             await self._tell(lines(str(error)), 'warning')
         except (ConnectionError, TimeoutError):
@@ -229,7 +229,7 @@ class PageLink:
             with contextlib.suppress(ConnectionError, TimeoutError):
                 await self._tell(['fault in the server of the page, which goes on:', *lines(text)], 'error')
 
-    async def _later(self, wait: Later) -> Answer:
+    async def _later(self, wait: Later) -> Told:
         """On another thread. Raises ConsoleError."""
         if self._waiting >= MOST_AT_ONCE:
             raise RefusedError(f'{MOST_AT_ONCE} requests of this page wait for their answers; ask again later')

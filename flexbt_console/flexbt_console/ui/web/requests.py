@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
-from flexbt_console.commands import Ask, AskedRobot, CommandLine, Show, candidates, prompt_command_help, prompt_help
+from flexbt_console.commands import AskedRobot, candidates
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope, View
-from flexbt_console.ui.interaction import Bound, Local, Meaning, choose, interpret
+from flexbt_console.ui.interaction import Bound, Local, Meaning, Reading, carry_out, choose, interpret
 
-from .station import Station
+from .station import PageStation
 
 MESSAGE_BYTES: Final = 65_536
 """Of a message of a page, at most."""
@@ -26,8 +26,6 @@ RATE: Final = 20.0
 """Messages a second that a page may send for long; BURST at once."""
 
 BURST: Final = 60.0
-
-LEAVING: Final = 'close the page: the robot goes on'
 
 
 @dataclass
@@ -64,22 +62,15 @@ def read(text: str) -> dict[str, Any]:
     return message
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What becomes of a request: a command that was sent, or lines to read, under a title."""
+Told = Command | Reading
+"""What becomes of a request: the command that was sent, or lines to read; without a title they are for the log."""
 
-    command: Command | None = None
-    title: str = ''
-    lines: tuple[str, ...] = ()
+Later = Callable[[], Told]
+"""What has to wait for the robot or the simulator, and ends with the page. Raises ConsoleError."""
 
 
-Later = Callable[[], Answer]
-"""What has to wait for the robot or the simulator, ``Station.timeout`` seconds at most, but a synthesis: that has a
-time of its own, and ends with the page. Raises ConsoleError."""
-
-
-def carry_out(message: dict[str, Any], station: Station, left: Future[None]) -> Answer | dict[str, Any] | Later:
-    """Do what a page asks for; what is no answer is a message for the page. Only :data:`Later` waits for anybody.
+def answered(message: dict[str, Any], station: PageStation, left: Future[None]) -> Told | dict[str, Any] | Later | None:
+    """Do what a page asks for; a dictionary is a message for the page. Only :data:`Later` waits for anybody.
 
     ``left`` is done once the page is closed: what is synthesized for it is canceled.
 
@@ -99,39 +90,25 @@ def carry_out(message: dict[str, Any], station: Station, left: Future[None]) -> 
         raise UsageError('"decision" is the identifier of a decision, or null')
     if message.keys() == {'touched', 'decision'}:
         station.attention.touched(view, decision_id)
-        return Answer()
+        return None
     if 'answer' in message:
         decision = Bound(decision_id).decision(view)
-        return _done(choose(_text(message, 'answer'), view, station.make, decision), station, left)
+        return _done(choose(_text(message, 'answer'), view, station.make, decision), view, station, left)
     if 'do' in message:
-        return _done(interpret(_text(message, 'do'), view, station.make, Bound(decision_id)), station, left)
+        meaning = interpret(_text(message, 'do'), view, station.make, Bound(decision_id))
+        return _done(meaning, view, station, left)
     raise UsageError(
         'the message asks for nothing that is known: do, answer, touched, complete, obstacle, remove_obstacle'
     )
 
 
-def _done(meaning: Meaning, station: Station, left: Future[None]) -> Answer | Later:
-    if meaning.command is not None:
-        command = station.attention.measured(meaning.command)
-        station.link.send(command, station.timeout, meaning.label)
-        return Answer(command)
-    spec = meaning.line.spec if meaning.line is not None else None
+def _done(meaning: Meaning, view: View, station: PageStation, left: Future[None]) -> Told | Later | None:
     if meaning.local is Local.QUIT:
-        return Answer(lines=(LEAVING,))
-    if meaning.local is Local.HELP:
-        return Answer(title='help', lines=tuple(prompt_help(LEAVING) if spec is None else prompt_command_help(spec)))
-    if spec is not None and meaning.line is not None:
-        if isinstance(spec.action, Show):
-            view = station.mirror.view()
-            return Answer(title=spec.name, lines=tuple(spec.action.show(meaning.line, view, station.mirror).text))
-        if isinstance(spec.action, Ask):
-            return partial(_asked, spec.name, spec.action, meaning.line, station, left)
-    return Answer()
-
-
-def _asked(title: str, action: Ask, line: CommandLine, station: Station, left: Future[None]) -> Answer:
-    shown = action.ask(line, _AskedByPage(station.link, left), station.timeout, lambda text: None)
-    return Answer(title=title, lines=tuple(shown.text))
+        return Reading('', [station.leaving])
+    done = carry_out(meaning, view, station)
+    if callable(done):
+        return partial(done, _AskedByPage(station.link, left), lambda text: None)
+    return done
 
 
 @dataclass(frozen=True)
@@ -160,7 +137,7 @@ class _AskedByPage:
         return self.robot.surroundings(has_arrived, timeout, scan_period)
 
 
-def _obstacle(where: object, station: Station) -> Answer:
+def _obstacle(where: object, station: PageStation) -> Reading:
     if not (
         isinstance(where, list)
         and len(where) == 2
@@ -168,15 +145,15 @@ def _obstacle(where: object, station: Station) -> Answer:
     ):
         raise UsageError('"obstacle" is [x, y], in m')
     name = _simulator(station).drop(float(where[0]), float(where[1]), station.timeout)
-    return Answer(lines=(f'{name} stands at x {where[0]:.2f}  y {where[1]:.2f}',))
+    return Reading('', [f'{name} stands at x {where[0]:.2f}  y {where[1]:.2f}'])
 
 
-def _remove_obstacle(name: str, station: Station) -> Answer:
+def _remove_obstacle(name: str, station: PageStation) -> Reading:
     _simulator(station).remove(name, station.timeout)
-    return Answer(lines=(f'{name} is taken away',))
+    return Reading('', [f'{name} is taken away'])
 
 
-def _simulator(station: Station) -> Any:
+def _simulator(station: PageStation) -> Any:
     if station.make.operator is None:
         raise RefusedError('an observer changes nothing; leave --observer out')
     if station.obstacles is None or not station.obstacles.is_possible():

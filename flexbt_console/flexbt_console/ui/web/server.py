@@ -19,7 +19,7 @@ from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
 from .requests import MESSAGE_BYTES
-from .station import Robots, Station
+from .station import PageStation, Robots
 
 MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
@@ -35,7 +35,9 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 class WebServer:
     """Serves the pages of robots, also of those that come later; ``station`` makes what the page of one needs."""
 
-    def __init__(self, robots: Robots, station: Callable[[Mirror, CommandedRobot], Station], access: Access) -> None:
+    def __init__(
+        self, robots: Robots, station: Callable[[Mirror, CommandedRobot], PageStation], access: Access
+    ) -> None:
         self._robots = robots
         self._station = station
         self._access = access

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from flexbt_console.commands import CommandBuilder, CommandedRobot
+from flexbt_console.commands import CommandedRobot
 from flexbt_console.mirror import Fleet, Mirror
-from flexbt_console.ui.interaction import Attention
+from flexbt_console.ui.interaction import Station
 
 
 class Obstacles(Protocol):
@@ -29,17 +29,10 @@ class Obstacles(Protocol):
 
 
 @dataclass(frozen=True)
-class Station:
-    """A robot as its operator has it; ``timeout`` is in seconds, for each answer.
+class PageStation(Station):
+    """A robot as the operator of a page has it."""
 
-    ``attention`` is what its operator deals with: one for all robots of that operator.
-    """
-
-    mirror: Mirror
-    link: CommandedRobot
-    make: CommandBuilder
-    timeout: float
-    attention: Attention
+    leaving: str = 'close the page: the robot goes on'
     obstacles: Obstacles | None = None
 
 
