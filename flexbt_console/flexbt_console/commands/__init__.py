@@ -3,7 +3,7 @@
 
 from .command_builder import CommandBuilder
 from .command_line import COMMON_OPTIONS, check, parse
-from .completion import candidates
+from .completion import Offer, candidates, offers
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
 from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
 from .registry import COMMANDS, build, find
@@ -47,6 +47,7 @@ __all__ = [
     'LinkNeed',
     'Mode',
     'NobodyAsked',
+    'Offer',
     'Option',
     'Send',
     'Show',
@@ -63,6 +64,7 @@ __all__ = [
     'find',
     'full_namespace',
     'load_places',
+    'offers',
     'overview',
     'parse',
     'port_number',

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from flexbt_console.mirror import View
 
@@ -24,6 +25,30 @@ def candidates(text: str, view: View) -> list[str]:
     before = [word for word in before if word]
     fitting = [word for word in dict.fromkeys(_words(before, last, view)) if word.startswith(last)]
     return [word for word in fitting if word.isprintable()]
+
+
+class Offer(NamedTuple):
+    """What a line may become, and what that does."""
+
+    line: str
+    about: str = ''
+
+
+def offers(text: str, view: View) -> list[Offer]:
+    """What a line may become: by words that complete it, and, while it begins with no command, also each command of
+    which words of its name, or of what it does, begin with those of the line."""
+    begun = text[: len(text) - len(text.rpartition(' ')[2])]
+    specs = {spec.name: spec for spec in COMMANDS if spec.in_prompt}
+    abouts = {} if begun else {spec.name: spec.summary for spec in specs.values()}
+    found = [Offer(begun + word, abouts.get(word, '')) for word in candidates(text, view)]
+    words = text.lower().split()
+    if words and not (begun and words[0] in specs):
+        lines = {offer.line for offer in found}
+        for spec in specs.values():
+            told = f' {spec.name} {spec.summary}'.lower()
+            if spec.name not in lines and all(f' {word}' in told for word in words):
+                found.append(Offer(spec.name, spec.summary))
+    return found
 
 
 def _words(before: list[str], last: str, view: View) -> Iterable[str]:

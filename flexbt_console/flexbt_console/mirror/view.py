@@ -82,12 +82,20 @@ class View:
 
     @property
     def decision(self) -> Decision | None:
-        """The decision to answer first: the oldest."""
+        """The decision to answer first: the oldest, or that to which the operator has turned."""
         return self.decisions[0] if self.decisions else None
 
     def pending(self, decision_id: str) -> Decision | None:
         """The pending decision of that identifier."""
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
+
+    def turned_to(self, decision_id: str) -> View:
+        """The same picture with that decision before those that have waited longer, if it is pending."""
+        found = self.pending(decision_id)
+        if found is None or self.snapshot is None or found is self.decision:
+            return self
+        others = (one for one in self.decisions if one is not found)
+        return replace(self, snapshot=replace(self.snapshot, decisions=(found, *others)))
 
     @property
     def active_paths(self) -> tuple[str, ...]:

@@ -332,7 +332,8 @@ def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
     stamp = f'{stamp_text(event.stamp)}  ' if with_time else ''
     if event.kind is EventKind.TRANSITION:
         way = one_line(event.outcome) or one_line(event.reason)
-        return Line(f'{stamp}{one_line(event.path)}: {way} -> {one_line(event.target) or "?"}', Tone.DIM)
+        target = f' -> {one_line(event.target)}' if event.target else ''  # none in a container that waits for others
+        return Line(f'{stamp}{one_line(event.path)}: {way}{target}', Tone.DIM)
     text = f'"{event.text}"' if event.text else ''
     what = ' '.join(filter(None, (event.command.lower(), event.path, event.outcome, text)))
     end = 'applied' if event.applied else f'refused: {event.reason}'

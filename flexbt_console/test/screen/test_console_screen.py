@@ -13,6 +13,7 @@ import unicodedata
 from collections.abc import Awaitable, Callable
 from enum import IntEnum
 from importlib.resources import files
+from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -23,7 +24,7 @@ from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.widgets import Input, Select
 
-from flexbt_console.commands import CommandBuilder, NobodyAsked
+from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offers
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import (
     ActiveState,
@@ -56,11 +57,11 @@ from flexbt_console.mirror import (
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
 from flexbt_console.ui.interaction import KEYS
 from flexbt_console.ui.screen import OperatorScreen, run_screen
-from flexbt_console.ui.screen.decision_bar import ROWS, decision_lines
-from flexbt_console.ui.screen.machine_lines import machine_lines
 from flexbt_console.ui.screen.overview import Overview
-from flexbt_console.ui.screen.panes import Pane
-from flexbt_console.ui.screen.status_lines import alarm_text, keys_text, status_text
+from flexbt_console.ui.screen.panes import Layout, Pane
+from flexbt_console.ui.screen.panes.decision_bar import ROWS, decision_lines
+from flexbt_console.ui.screen.panes.machine_pane import machine_lines
+from flexbt_console.ui.screen.panes.status_lines import alarm_text, keys_text, status_text
 from flexbt_console.ui.screen.terminal_driver import TerminalDriver
 from flexbt_console.ui.terminal_watch import TerminalWatch
 from flexbt_core.clock import ManualClock
@@ -153,11 +154,13 @@ def on_screen(
     steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]],
     size: tuple[int, int] = (100, 30),
     robots: FakeRobots | None = None,
+    layout: Layout | None = None,
 ) -> None:
     """Run the screen, and what an operator does at it."""
 
     async def run() -> None:
-        app = OperatorScreen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'stays', robots)
+        make = CommandBuilder('ann')
+        app = OperatorScreen(robot.mirror, robot.link, make, 5.0, robot.clock, 'stays', robots, layout=layout)
         async with app.run_test(size=size) as pilot:
             await seen(robot, pilot)
             await steps(app, pilot)
@@ -172,7 +175,7 @@ async def seen(robot: Robot, pilot: Pilot[None]) -> None:
     await pilot.pause()
     app.draw()
     await pilot.pause()
-    robot.clock.advance(0.5)
+    robot.clock.advance(1.0)
 
 
 def text_of(app: OperatorScreen) -> str:
@@ -508,7 +511,7 @@ def test_ctrl_c_gives_up_what_was_typed_and_ctrl_q_leaves_as_q_does() -> None:
 
     async def press(app: OperatorScreen, pilot: Pilot[None]) -> None:
         def told(text: str) -> int:
-            return sum(text in line for _, line in app._told)
+            return sum(text in line for line in app._panes.log.told)
 
         line = app.query_one('#line', Input)
         for count, begun in enumerate(((), (*':stop',), ('g',), ('q',)), 1):
@@ -630,7 +633,7 @@ def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.Monkey
         await seen(robot, pilot)
         assert 'a fault on purpose' in text_of(app)
         with monkeypatch.context() as patch:
-            patch.setattr('flexbt_console.ui.screen.app.candidates', fail)
+            patch.setattr('flexbt_console.ui.screen.panes.typed_line.offers', fail)
             await pilot.press('colon', 'c', 'tab', 'escape')
         await seen(robot, pilot)
         await pilot.press('exclamation_mark')
@@ -664,7 +667,7 @@ def test_where_there_is_little_room_what_is_active_is_shown_and_what_waits_above
 def test_where_there_is_room_the_bar_says_how_the_others_that_wait_are_listed() -> None:
     robot = Robot()
     robot.show(PLAN, *(dataclasses.replace(WHERE, id=f'd{number}') for number in range(39)))
-    for columns, tail in ((80, '(+39 more: ":" status)'), (79, '(+39 more)')):
+    for columns, tail in ((90, '(+39 more: "a" lists them)'), (75, '(+39 more: a)'), (70, '(+39 more)')):
         assert decision_lines(robot.mirror.view(), '', columns, ASCII)[0].endswith(tail)
 
 
@@ -763,7 +766,7 @@ def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alon
         await seen(own, pilot)
         first = text_of(app).splitlines()[1]
         assert '/robot37' in first and 'waits' in first and '4.0 s' in first and '/Drive wants done' in first
-        assert not [line for _, line in app._told if 'fault' in line]
+        assert not [line for line in app._panes.log.told if 'fault' in line]
         await pilot.press('enter', 'enter')  # the cursor is at our own robot
         assert own.link.sent == [] and asks.link.sent == []
         await pilot.press('o', *['up'] * 50, 'enter')
@@ -1043,6 +1046,203 @@ def test_a_lock_has_a_refusal_of_its_own() -> None:
     assert lock.blocked(robot.mirror.view()) == 'nothing that is active can be locked'
 
 
+def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar_again() -> None:
+    robot = Robot()
+    waiting = [dataclasses.replace(PLAN, id=f'w{number}', prompt=f'number {number}', since=1.0) for number in range(40)]
+    robot.show(*waiting)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert '(+39 more: a)' in text_of(app) and 'a all' in text_of(app).splitlines()[-1]
+        await pilot.press('a', 'end')
+        await pilot.pause()
+        assert re.search(r'> .*\n.*39 ', text_of(app))  # the last line has room, too
+        await pilot.press('enter', '2', 'enter')  # at once: it is known from the list
+        assert [(one.decision_id, one.outcome) for one in robot.link.sent] == [('w39', 'failed')]
+        robot.show(*waiting[:-1])
+        await seen(robot, pilot)
+        assert 'number 0' in text_of(app)
+        await pilot.press('a', 'down')
+        robot.show(*waiting[2:-1])  # the one that is marked is gone meanwhile
+        await pilot.press('enter', 'enter')
+        assert len(robot.link.sent) == 1
+
+    on_screen(robot, steps, (80, 24))
+
+
+def test_a_key_that_is_held_down_answers_once() -> None:
+    """The repetitions of a key come after 0.25 to 0.66 s, and then each 33 ms."""
+    robot = Robot()
+    waiting = [dataclasses.replace(PLAN, id=f'w{number}') for number in range(9)]
+    robot.show(*waiting)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('enter')
+        for number in range(90):
+            answered = {one.decision_id for one in robot.link.sent}
+            robot.show(*(one for one in waiting if one.id not in answered))
+            app.draw()
+            robot.clock.advance(0.6 if number == 0 else 0.033)
+            await pilot.press('enter')
+        assert [one.decision_id for one in robot.link.sent] == ['w0']
+        robot.clock.advance(1.0)
+        await pilot.press('enter')
+        assert [one.decision_id for one in robot.link.sent] == ['w0', 'w1']
+        robot.show()
+        await seen(robot, pilot)
+        await pilot.press('enter')  # and while it is held, something comes up
+        robot.clock.advance(0.6)
+        robot.show(OTHER)
+        app.draw()
+        await pilot.press('enter')
+        assert len(robot.link.sent) == 2
+
+    on_screen(robot, steps)
+
+
+def test_enter_alone_answers_no_question_for_a_pose() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('enter')
+        robot.clock.advance(1.0)
+        await pilot.press('enter')
+        await seen(robot, pilot)
+        assert robot.link.sent == [] and '"g" points at it on the map' in text_of(app)
+
+    on_screen(robot, steps)
+
+
+def test_panes_are_enlarged_and_hidden_and_so_they_are_the_next_time(tmp_path: Path) -> None:
+    robot, file = Robot(), tmp_path / 'flexbt' / 'layout'
+
+    async def lay_out(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        async def shown(*keys: str) -> str:
+            await pilot.press(*keys)
+            await seen(robot, pilot)
+            assert not [line for line in app._panes.log.told if 'fault' in line]
+            return text_of(app)
+
+        assert 'x 2.00' in await shown()
+        assert 'map: PgUp PgDn z h' in await shown('tab', 'tab')
+        assert 'x 2.00' not in (hidden := await shown('h')) and 'FollowPath' in hidden and 'map:' not in hidden
+        assert 'log: PgUp PgDn z h' in await shown('tab', 'tab')
+        assert 'FollowPath  4 s' not in (alone := await shown('z')).partition('nothing waits')[0], alone
+        robot.show(WHERE)
+        assert 'cursor x 2.00' in await shown('g') and 'FollowPath' in await shown('escape', 'z')
+        assert 'x 2.00' not in await shown() and 'claim' in await shown(
+            'tab', 'tab', 'h', *':cla'
+        )  # which needs the log
+
+    async def find_it(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'x 2.00' not in text_of(app) and '"?" shows the keys' not in text_of(app)
+        await pilot.press('h')
+        await seen(robot, pilot)
+        assert 'x 2.00' in text_of(app) and '"?" shows the keys' in text_of(app)
+
+    async def hides_nothing(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'x 2.00' in text_of(app) and '"?" shows the keys' in text_of(app)
+
+    async def is_told(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('tab')
+        await seen(robot, pilot)
+        assert 'this layout is not there the next time' in text_of(app) and 'machine: PgUp' in text_of(app)
+
+    on_screen(robot, lay_out, layout=Layout(file))
+    assert file.read_text() == 'hidden=log hidden=map\n'
+    on_screen(robot, find_it, layout=Layout(file))
+    for text in (b'', b'\xff\x00', b'focused=door enlarged hidden=window', b'enlarged'):
+        file.write_bytes(text)
+        on_screen(robot, hides_nothing, layout=Layout(file))
+    on_screen(robot, is_told, layout=Layout(Path('/dev/null/layout')))
+
+
+def test_log_and_machine_are_scrolled_and_stand_still_then() -> None:
+    robot = Robot()
+    for number in range(1, 60):
+        robot.mirror.receive_log(LogLine('e', number, Severity.INFO, f'said {number:02}', '/Drive', 'r1', 4.0))
+    robot.run_tree(0, *[1] * 40)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        async def shown(*keys: str) -> str:
+            await pilot.press(*keys)
+            robot.show()
+            await seen(robot, pilot)
+            return text_of(app)
+
+        assert 'said 59' in await shown()
+        back = await shown('pageup', 'pageup')
+        assert 'said 59' not in back and 'below; Esc: the latest)' in back
+        robot.mirror.receive_log(LogLine('e', 60, Severity.INFO, 'said 60', '/Drive', 'r1', 9.0))
+        again = await shown()
+        assert 'there is something new' in again and re.findall('said ..', again) == re.findall('said ..', back)
+        assert 'said 60' in await shown(*['pagedown'] * 5) and 'said 01' in await shown(*['pageup'] * 40)
+        assert 'said 60' in await shown('escape')
+        assert 'Node20' not in await shown('tab')
+        pages = [await shown('pagedown') for _ in range(9)]
+        assert all(f'Node{number} ' in ''.join(pages) for number in range(12, 42))
+        assert 'Patrol' in (await shown(*['pageup'] * 9)).splitlines()[1]
+
+    on_screen(robot, steps, (80, 24))
+
+
+def test_a_line_may_become_any_command_by_its_name_or_by_what_it_does() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        line = app.query_one('#line', Input)
+        for spec in (spec for spec in COMMANDS if spec.in_prompt):
+            for typed in (spec.name[:3], spec.name, spec.summary.split()[-1]):
+                assert spec.name in [offer.line for offer in offers(typed, robot.mirror.view())], (typed, spec.name)
+        await pilot.press(*':remark')
+        await seen(robot, pilot)
+        assert '> note' in text_of(app) and 'Tab completes' in text_of(app).splitlines()[-1]
+        await pilot.press('tab')
+        assert line.value == 'note'
+        robot.show()
+        await pilot.press('escape', *':autho', 'down', 'up', 'up', 'down', 'tab', 'enter')
+        assert robot.link.kinds == [CommandKind.RELEASE_AUTHORITY]
+        await pilot.press(*':lock ', 'down', 'tab')
+        await seen(robot, pilot)
+        assert line.value == 'lock /Drive' and 'lock PATH' in text_of(app)
+
+    on_screen(robot, steps)
+
+
+def test_where_nothing_is_known_of_a_map_the_machine_has_its_room() -> None:
+    robot = Robot()
+    robot.mirror = Mirror(robot.clock)
+    robot.show(robot_pose=None)
+
+    async def look(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'pose unknown' not in text_of(app) and app.query_one('#machine').size.width == 80
+        robot.show(robot_pose=Pose(1.0, 2.0))
+        await seen(robot, pilot)
+        assert 'x 1.00 y 2.00' in text_of(app)
+
+    on_screen(robot, look, (80, 24))
+
+
+def test_a_robot_is_found_by_its_name_and_the_most_urgent_by_one_key() -> None:
+    robots = FakeRobots(50)
+    robots.robots['/robot37'].show(dataclasses.replace(PLAN, since=1.0))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for keys, found in (
+            (('o', '/', *'T4o', 'backspace', '2', 'enter'), '/robot42'),
+            (('o', 'o'), '/robot37'),
+            (('o', 'o'), '/robot37'),  # nobody else needs anything
+            (('o', 'end', 'pageup', 'enter'), '/robot39'),
+            (('o', '/', 'escape', 'escape'), '/robot39'),
+        ):
+            await pilot.press(*keys)
+            await seen(robots.robots['/robot00'], pilot)
+            assert found in text_of(app).splitlines()[0] and len(app.screen_stack) == 1
+        assert not any(robot.link.sent for robot in robots.robots.values())
+
+    on_screen(robots.robots['/robot00'], steps, robots=robots)
+
+
 HOSTILE = (
     *('\x1b[2Jx', '\x9b31m', 'a\r\nb', '[red]loud[/red]', '[/]', '[@click=app.quit]x[/]', '\u202eabc', '\u200b'),
     *('\u0300' * 9, '厨房', '👩\u200d👩\u200d👧', '❤\ufe0f', 'שלום', 'ﷺ', 'x' * 10_000, '厨' * 500, '', ' ', '/', '//'),
@@ -1124,7 +1324,7 @@ def test_random_keys_send_nothing_whatever_a_robot_says_and_however_large_the_te
             is_listed = isinstance(app.screen, Overview)
             await pilot.press('enter' if is_listed and chance.random() < 0.3 else chance.choice(keys))
             assert app.is_running
-            assert [str(line) for _, line in app._told if 'fault' in line] == [], [str(line) for _, line in app._told]
+            assert not [line for line in app._panes.log.told if 'fault' in line], app._panes.log.told
             assert not [one for one in text_of(app) if unicodedata.category(one) in ('Cc', 'Cs', 'Zl') and one != '\n']
         assert all(robot.link.sent == [] for robot in robots.robots.values())
         await pilot.press('f8')
@@ -1143,7 +1343,7 @@ def test_in_a_terminal_that_has_no_room_for_it_a_dialog_is_cut() -> None:
             await pilot.press('f', 'pagedown', 'pageup', 'escape', '?', 'escape')
             robot.show(state=ExecutiveState.IDLE)
             await pilot.press('s', 'pagedown', 'enter', 'tab', 'escape')
-        assert app.is_running and not [line for _, line in app._told if 'fault' in line]
+        assert app.is_running and not [line for line in app._panes.log.told if 'fault' in line]
 
     on_screen(robot, steps)
 

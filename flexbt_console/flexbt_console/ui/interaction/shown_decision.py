@@ -42,6 +42,10 @@ class ShownDecision:
         self._replaced_at = now if is_replaced and decision_id is not None else None
         self._shown = decision_id
 
+    def known(self, decision_id: str) -> None:
+        """The screen shows this decision now, for which the operator has asked."""
+        self._shown, self._left_at, self._replaced_at = decision_id, None, None
+
     def typed(self, text: str) -> None:
         """The line reads so now; the first character of a line binds it."""
         if not text:
@@ -52,8 +56,13 @@ class ShownDecision:
             since = None if self._replaced_at is None else self._clock.now() - self._replaced_at
             self._hasty = since is not None and since < REACTION_SECONDS
 
+    @property
+    def bound(self) -> tuple[str | None, bool]:
+        """The decision that the line is bound to, and whether its typing began too soon to be meant."""
+        return (self._bound, self._hasty) if self._typing else (self._shown, False)
+
     def take(self) -> tuple[str | None, bool]:
-        """The decision that the finished line is bound to, and whether its typing began too soon to be meant."""
-        bound, hasty = (self._bound, self._hasty) if self._typing else (self._shown, False)
+        """What the line, which is finished, is bound to."""
+        bound = self.bound
         self._typing = False
-        return bound, hasty
+        return bound

@@ -52,6 +52,7 @@ class ChoiceList(ModalScreen[int | None]):
     ]
 
     def __init__(self, title: str, lines: Sequence[str]) -> None:
+        """The title is a text of our own; the lines may be of others."""
         super().__init__()
         self._title = title
         self._lines = lines
@@ -59,14 +60,17 @@ class ChoiceList(ModalScreen[int | None]):
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
-        with Vertical(classes='dialog'):
-            yield Label(Text(self._title))
+        with Vertical(classes='dialog') as dialog:
+            dialog.border_title, dialog.border_subtitle = self._title, 'Enter chooses, Esc leaves'
             yield OptionList(*(Option(self._row(number, 0)) for number in range(len(self._lines))))
-            yield Label(Text('Enter chooses, Esc leaves'), classes='dim')
 
     def on_mount(self) -> None:
         """The list has the keys."""
         self.set_focus(self.query_one(OptionList))
+
+    def on_resize(self) -> None:
+        """The line under the cursor stays to be seen."""
+        self.query_one(OptionList).scroll_to_highlight()
 
     def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
         """The line under the cursor has a mark, too: a colour alone is not seen everywhere."""
@@ -164,7 +168,7 @@ class StartForm(ModalScreen[str | None]):
         self.dismiss(shlex.join(words))
 
 
-class Reading(ModalScreen[None]):
+class ReadingDialog(ModalScreen[None]):
     """Lines to be read; those that are too long are folded."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +17,7 @@ from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
 
-from .machine_lines import leads_text
+from .machine_pane import leads_text
 
 ROWS: Final = 4
 """Rows of the bar: it stays at its place, also while nothing waits."""
@@ -26,6 +27,10 @@ CHOICE_ROWS: Final = 2
 
 LEAST_CELLS: Final = 7
 """Cells of a choice of one letter, with the gap behind it."""
+
+BURST_SECONDS: Final = 0.7
+"""Keys that follow each other sooner belong to the decision of the first of them. A keyboard repeats a key that is held
+down sooner than that (X11: after 0.66 s)."""
 
 NARROWEST: Final = 16
 """Cells that a choice has at least where there is no room for all of its text."""
@@ -45,6 +50,8 @@ class Picking:
     def __init__(self, clock: Clock) -> None:
         self._shown = ShownDecision(clock)
         self._pick: Pick | None = None
+        self._clock = clock
+        self._pressed_at = -math.inf
 
     def drawn(self, view: View) -> None:
         """The screen shows this now."""
@@ -52,6 +59,20 @@ class Picking:
         self._shown.drawn(shown)
         if self._pick is not None and self._pick.decision_id != shown:
             self._pick = None
+
+    def pressed(self) -> None:
+        """A key that answers was pressed. With others that came quickly before it, it is for one decision."""
+        now = self._clock.now()
+        if now - self._pressed_at >= BURST_SECONDS:
+            self._shown.typed('')
+        self._pressed_at = now
+        self._shown.typed('key')
+
+    def turned_to(self, decision_id: str) -> None:
+        """The operator has chosen this decision from a list of all that wait, and knows it."""
+        self._pick = None
+        self._pressed_at = -math.inf
+        self._shown.known(decision_id)
 
     def moved(self) -> None:
         """The operator went to another robot: what was picked is gone, and what comes up there is new to the eye."""
@@ -92,8 +113,7 @@ class Picking:
         return choose(answer, view, make, decision)
 
     def _decision(self, view: View) -> Decision:
-        self._shown.typed('key')
-        return Bound(*self._shown.take()).decision(view)
+        return Bound(*self._shown.bound).decision(view)
 
 
 def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_pointing: bool = False) -> list[str]:
@@ -108,7 +128,7 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
         return [Line('nothing waits for you', Tone.DIM), *folded]
     age = f'  {age_text(max(0.0, snapshot.stamp - decision.since))}' if decision.since else ''
     others = len(view.decisions) - 1
-    tails = [f'{age}  (+{others} more{listed})' for listed in (': ":" status', '')] if others else [age]
+    tails = [f'{age}  (+{others} more{listed})' for listed in (': "a" lists them', ': a', '')] if others else [age]
     where = one_line(decision.path)
     head = f'{signs.waits} {cut_middle(where, columns // 2)}{asked_text(decision, snapshot).removeprefix(where)}'
     reasons = [Line(f'  {line}', tone_of(line)) for line in reason_lines(decision, view)[:1]]
@@ -135,6 +155,15 @@ def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs
         leads = leads_text(state, state.outcomes.index(choice), signs) if state and choice in state.outcomes else ''
         texts.append(f'{number} {one_line(choice)}{"*" if choice == decision.outcome else ""}{leads}')
     return texts
+
+
+def waiting_texts(view: View) -> list[str]:
+    """Each decision that waits, with for how long, and what it asks."""
+    snapshot = view.snapshot
+    if snapshot is None:
+        return []
+    ages = [age_text(max(0.0, snapshot.stamp - one.since)) if one.since else '' for one in snapshot.decisions]
+    return [f'{age:>7}  {asked_text(one, snapshot)}' for age, one in zip(ages, snapshot.decisions, strict=True)]
 
 
 def _choice_rows(decision: Decision, texts: Sequence[str], picked: str, columns: int) -> list[str]:

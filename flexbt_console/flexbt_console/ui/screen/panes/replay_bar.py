@@ -14,7 +14,7 @@ from flexbt_console.pictures import cut
 from flexbt_console.present import Line, Tone
 from flexbt_core.clock import Clock
 
-from .panes import styled
+from .pane import styled
 
 SPEEDS: Final = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0)
 JUMP_SECONDS: Final = 10.0
@@ -38,7 +38,7 @@ KEYS: Final = (
     ('Home End', f'{JUMP_SECONDS:g} s back and on'),
     ('[ ]', f'slower and faster, {SPEEDS[0]:g} to {SPEEDS[-1]:g} times'),
     ('/', 'type a text; Enter goes to the next moment in which it was said'),
-    ('z', 'the next pane alone on the screen; after the last, all of them'),
+    ('Tab', 'the next pane has the focus: PgUp, PgDn scroll it (Esc: the end), z enlarges it, h hides it'),
     (':', 'type a command that shows something, such as status, tree, events; Esc leaves'),
     ('q', 'leave the recording'),
 )
@@ -148,6 +148,6 @@ class ReplayBar:
         return styled([Line(cut(f'{head}[{line}]{told}', columns), Tone.PLAIN)])
 
 
-def help_lines() -> list[str]:
+def replay_help_lines() -> list[str]:
     """The keys of a recording, for people."""
     return [f'{key:>8}  {help}' for key, help in KEYS]

@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The state machine of the run as lines: every active path, time in each state, and what each outcome leads to."""
+"""The state machine of the run on the screen: every active path, time in each state, what each outcome leads to; and
+the trees that run."""
 
 from __future__ import annotations
 
+import sys
 from enum import IntEnum
 from typing import NamedTuple
 
+from rich.text import Text
+
 from flexbt_console.mirror import ActiveState, AutonomyLevel, Snapshot, StateKind, StateStructure, View
-from flexbt_console.pictures import Glyphs, cut, cut_middle, window
+from flexbt_console.pictures import Glyphs, cut, cut_middle, tree_lines, window
 from flexbt_console.present import Line, Tone, autonomy_text, not_paused_lines, progress_text, tone_of
 from flexbt_core.values import one_line
+
+from .pane import styled
 
 
 class _Rank(IntEnum):
@@ -25,6 +31,55 @@ class _Ranked(NamedTuple):
     rank: _Rank
     path: str
     line: str
+
+
+class MachinePane:
+    """Draws machine and trees: what is of now, as much as there is room for, or all of it from where it was scrolled
+    to."""
+
+    def __init__(self, signs: Glyphs) -> None:
+        self._signs = signs
+        self._from: int | None = None
+        self._page = 1
+
+    def scroll(self, pages: int) -> None:
+        """Show all of it, so many pages farther down."""
+        self._from = max(0, (self._from or 0) + pages * self._page)
+
+    def follow(self) -> None:
+        """Show what is of now."""
+        self._from = None
+
+    def draw(self, view: View, columns: int, rows: int, nothing: str) -> Text:
+        """In so many rows of so many cells; ``nothing`` is what is told while no behavior runs."""
+        self._page = max(1, rows - 1)
+        shown = self._all(view, columns, rows) if self._from is not None else self._of_now(view, columns, rows)
+        if not shown and view.snapshot is not None and not view.running:
+            shown = [Line(nothing, Tone.DIM)]
+        text = styled(shown)
+        if not view.live:
+            text.stylize('dim')
+        return text
+
+    def _all(self, view: View, columns: int, rows: int) -> list[str]:
+        lines = machine_lines(view, columns, sys.maxsize, self._signs) if view.running else []
+        for run in view.running_trees:
+            lines += tree_lines(run, columns, sys.maxsize, self._signs)
+        self._from = min(self._from or 0, max(0, len(lines) - self._page))
+        left = len(lines) - self._from - self._page
+        told = f'  ({self._from} above, {max(0, left)} below; Esc: what is active)'
+        return [*lines[self._from :][: self._page], Line(cut(told, columns), Tone.DIM)]
+
+    def _of_now(self, view: View, columns: int, rows: int) -> list[str]:
+        running = view.running_trees
+        shown = machine_lines(view, columns, rows, self._signs) if view.running else []
+        room = max(4, rows // 2, rows - sum(len(run.nodes) + 1 for run in running))
+        if len(shown) > room:
+            shown = machine_lines(view, columns, room, self._signs)
+        for number, run in enumerate(running):
+            left = rows - len(shown)
+            shown += tree_lines(run, columns, left // (len(running) - number), self._signs)
+        return shown
 
 
 def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[str]:

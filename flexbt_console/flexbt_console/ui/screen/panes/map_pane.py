@@ -11,10 +11,14 @@ from rich.text import Text
 from flexbt_console.mirror import Decision, View
 from flexbt_console.pictures import Frame, Glyphs, MapCanvas, cut, where_text
 
-from .panes import drawn
+from .pane import drawn
 
 CURSOR_STEPS: Final = {'left': (-1, 0), 'right': (1, 0), 'up': (0, -1), 'down': (0, 1)}
 CURSOR_TURNS: Final = {'less_than_sign': math.tau / 16.0, 'greater_than_sign': -math.tau / 16.0}
+
+
+LEAST_COLUMNS: Final = 8
+LEAST_ROWS: Final = 3
 
 
 class MapPane:
@@ -33,11 +37,20 @@ class MapPane:
         """Whether there is a cursor."""
         return self._cursor is not None
 
+    @staticmethod
+    def has_content(view: View) -> bool:
+        """Whether there is anything to draw."""
+        around, robot = view.surroundings, view.snapshot.robot_pose if view.snapshot else None
+        return bool(around.map or around.plan or around.driven or robot or view.places)
+
     def point(self, view: View) -> bool:
         """Put the cursor where the robot is; False while there is no map, or nothing is asked."""
         robot = view.snapshot.robot_pose if view.snapshot else None
-        if view.decision is None or self._frame is None:
+        if view.decision is None or not self.has_content(view):
             return False
+        if self._frame is None:  # it is hidden, and is drawn now
+            self.draw(view, 2 * LEAST_COLUMNS, 2 * LEAST_ROWS)
+        assert self._frame is not None
         middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
         self._cursor = (robot.x, robot.y) if robot is not None else middle
         self._yaw = robot.yaw if robot is not None else 0.0
@@ -78,7 +91,7 @@ class MapPane:
         """The map in so many rows of so many cells; the last row tells where the robot, or the cursor, is."""
         robot = view.snapshot.robot_pose if view.snapshot else None
         room = rows - 1
-        if columns < 8 or room < 3:
+        if columns < LEAST_COLUMNS or room < LEAST_ROWS:
             return Text('')
         shown = view.surroundings, robot, view.places, self._cursor, columns, room
         if self._drawn is None or self._drawn[0] != shown:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The lines around the panes: link and run at the top, what is wrong below them, the log, and the keys."""
+"""The lines around the panes: link and run at the top, what is wrong below them, and the keys."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from rich.text import Text
 
-from flexbt_console.mirror import ExecutiveEvent, LogLine, View
+from flexbt_console.mirror import RobotOverview, View
 from flexbt_console.pictures import cut, cut_middle, fold, width
 from flexbt_console.present import (
     Line,
@@ -17,21 +17,16 @@ from flexbt_console.present import (
     authority_asked_line,
     authority_text,
     autonomy_text,
-    event_line,
-    log_lines,
     peer_line,
-    stamp_text,
     tone_of,
     what_runs,
 )
 from flexbt_console.ui.interaction import KEYS
 from flexbt_core.values import one_line
 
-from .panes import styled
+from .pane import styled
 
 ALARM_ROWS = 3
-
-_INDENT = ' ' * 12
 
 
 def status_text(view: View, columns: int, robot: str, others: str, operator: str | None) -> Text:
@@ -60,6 +55,13 @@ def _with_end(text: str, end: str, columns: int) -> str:
     return cut(cut(text, max(columns // 3, columns - width(end))) + end, columns)
 
 
+def others_text(robots: Sequence[RobotOverview], own: str) -> str:
+    """What the other robots need, in short; '' while none needs anything."""
+    needs = [one for one in robots if one.name != own and one.needs_operator]
+    who = '1 other needs' if len(needs) == 1 else f'{len(needs)} others need'
+    return f'{who} you: o' if needs else ''
+
+
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
     """What is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and who asks this operator for the
     authority. What is too long takes more of them, where they are not needed for others.
@@ -81,37 +83,11 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
 
 
-def log_text(
-    lines: Iterable[LogLine],
-    events: Iterable[ExecutiveEvent],
-    told: Iterable[tuple[float, str]],
-    columns: int,
-    rows: int,
-) -> Text:
-    """The latest of the log, of transitions and commands, and of what the console itself has told, by their times.
-
-    A line that is too long takes more rows, at most half of all.
-    """
-    merged = [
-        *((line.stamp, 0, log_lines(line, with_time=True)) for line in lines),
-        *((event.stamp, 0, [event_line(event, with_time=True)]) for event in events),
-        *((stamp, 1, [_with_time(stamp, line)]) for stamp, line in told),
-    ]
-    merged.sort(key=lambda one: one[:2])
-    rows = max(1, rows)
-    shown: Sequence[str] = [line for _, _, text in merged[-rows:] for line in text][-rows:]
-    folded = [Line(row, tone_of(line)) for line in shown for row in fold(line, columns, -(-rows // 2), _INDENT)]
-    return styled(folded[-rows:])
-
-
-def _with_time(stamp: float, line: str) -> str:
-    time = stamp_text(stamp) if stamp and not line.startswith(' ') else ''
-    return Line(f'{time:>8}  {line}', tone_of(line))
-
-
-def keys_text(view: View, columns: int, operator: str | None) -> Text:
-    """The keys, as many as there is room for; those that this operator cannot use now are dim."""
-    room = columns
+def keys_text(view: View, columns: int, operator: str | None, focused: str = '') -> Text:
+    """The keys, as many as there is room for; those that this operator cannot use now are dim. Before them the pane
+    that has the focus, and the keys that are for it."""
+    head = cut(f'{focused}: PgUp PgDn z h  ', columns) if focused else ''
+    room = columns - len(head)
     chosen: set[str] = set()
     ranks = {key: 0 if key.needs(view, operator) else key.rank for key in KEYS}
     for key in sorted(KEYS, key=lambda one: (bool(one.blocked(view)), ranks[one])):
@@ -119,7 +95,7 @@ def keys_text(view: View, columns: int, operator: str | None) -> Text:
         if ranks[key] < 3 and needed <= room:
             chosen.add(key.action)
             room -= needed
-    text = Text(no_wrap=True, end='')
+    text = Text(head, no_wrap=True, end='')
     for key in KEYS:
         if key.action in chosen:
             is_blocked = bool(key.blocked(view))
