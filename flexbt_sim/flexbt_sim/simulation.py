@@ -43,6 +43,7 @@ class Simulation:
         self._simulator.on_close(runtime.close)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'
         runtime.on_failure(lambda: self._simulator.abort(f'{told}: {runtime.health.failure}'))
+        self._simulator.nodes.append(runtime.node)
         Navigation(runtime, self._in_process)
 
 

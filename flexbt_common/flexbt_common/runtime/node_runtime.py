@@ -140,6 +140,8 @@ class NodeRuntime:
             rclpy.try_shutdown(context=self._context)
             raise
         self.name = self.node.get_name()
+        self.nodes = [self.node]
+        """With those of other runtimes of this process that the parameters in its arguments are for, too."""
         self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
         self.health = Health(self.steady)
         self.health.on_hang(self._log_hang)
@@ -461,7 +463,7 @@ def run_node(
             runtime = NodeRuntime(name, args=args, node_class=node_class)
             runtime.on_failure(wake)
             setup(runtime)
-            runtime.post(partial(_tell_unknown_parameters, runtime.node))
+            runtime.post(partial(_tell_unknown_parameters, runtime))
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
@@ -476,9 +478,9 @@ def run_node(
         return 1 if runtime.has_failed else 0
 
 
-def _tell_unknown_parameters(node: Node) -> None:
-    for line in unknown_parameters(node):
-        node.get_logger().warning(line)
+def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
+    for line in unknown_parameters(runtime.nodes):
+        runtime.node.get_logger().warning(line)
 
 
 @contextlib.contextmanager

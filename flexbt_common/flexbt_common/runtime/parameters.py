@@ -117,11 +117,12 @@ def refusing_unknown_types(set_parameters: Callable[[Any, Any], Any]) -> Callabl
     return answer
 
 
-def unknown_parameters(node: Node) -> Iterator[str]:
-    """A line for each parameter that arguments or files have given to a node, and that it has not declared."""
-    known = tuple(node.get_parameters_by_prefix(''))
-    for name in given_parameters(node):
-        if not node.has_parameter(name) and not name.startswith(_OF_QOS):
+def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
+    """A line for each parameter that arguments or files have given to nodes of a process, and that none of them has
+    declared."""
+    known = tuple(name for node in nodes for name in node.get_parameters_by_prefix(''))
+    for name in dict.fromkeys(name for node in nodes for name in given_parameters(node)):
+        if not any(node.has_parameter(name) for node in nodes) and not name.startswith(_OF_QOS):
             yield f'there is no parameter {shown(name)}, so it is ignored{hint(name, known, "")}'
 
 

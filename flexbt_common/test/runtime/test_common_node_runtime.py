@@ -19,6 +19,7 @@ from std_msgs.msg import Empty
 
 from flexbt_common.calls import ServiceLinks, service_outcome
 from flexbt_common.runtime import NodeRuntime, rclpy_private, run_node
+from flexbt_common.runtime.parameters import unknown_parameters
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
@@ -272,6 +273,16 @@ def test_arguments_namespaces_and_parameter_files_work_as_usual(tmp_path: Path) 
         process.terminate()
         process.communicate(timeout=DEADLINE)
         assert process.returncode == 0
+
+
+@pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
+def test_a_parameter_is_unknown_when_no_node_of_the_process_has_it() -> None:
+    args = ['--ros-args', *(word for name in ('ours', 'theirs', 'thiers') for word in ('-p', f'{name}:=1'))]
+    with NodeRuntime.open('one', args=args) as one, NodeRuntime.open('another', args=args) as another:
+        one.node.declare_parameter('ours', 0)
+        another.node.declare_parameter('theirs', 0)
+        (line,) = unknown_parameters([one.node, another.node])
+        assert line == "there is no parameter 'thiers', so it is ignored; did you mean 'theirs'?"
 
 
 def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:

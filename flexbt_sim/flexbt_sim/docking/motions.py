@@ -22,6 +22,11 @@ BEYOND: Final = 0.25
 FARTHEST_STAGING: Final = -10.0
 """From a dock to its staging pose at most, m."""
 
+RETRIES: Final = 6
+WAIT_DURATION: Final = 5.0
+"""How often the way to a staging pose is planned again, and how long the robot waits before, s: number_of_retries and
+wait_duration of Nav2's default tree, by which its docking server has the robot driven there."""
+
 STEP: Final = 0.2
 """Time from one collision check to the next, s."""
 
@@ -88,26 +93,51 @@ class Senses:
 class StagingMotion:
     """Drives to the staging pose by a motion that follows a path there.
 
+    When that fails the robot stands for WAIT_DURATION, and ``plan_again()`` is called; :meth:`go_on` or :meth:`fail` is
+    what comes of it. So it is RETRIES times.
+
     Raises, when stepped:
         NavigationError: FAILED_TO_STAGE.
     """
 
-    def __init__(self, follow: Motion, seconds: float) -> None:
-        self._follow = follow
+    def __init__(self, follow: Motion, seconds: float, plan_again: Callable[[], object]) -> None:
+        self._follow: Motion | None = follow
         self._seconds = seconds
+        self._plan_again = plan_again
+        self._plan_at = math.inf
+        self._failure = ''
+        self._tries = 0
         self._began: float | None = None
+
+    def go_on(self, follow: Motion) -> None:
+        """Drive there by another motion."""
+        self._follow = follow
+
+    def fail(self, why: str) -> None:
+        """There is no way there now."""
+        self._failure = why
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         self._began = now if self._began is None else self._began
         if now - self._began > self._seconds:
             raise NavigationError('FAILED_TO_STAGE', f'the staging pose is not reached within {self._seconds:g} s')
+        if now >= self._plan_at:
+            self._plan_at = math.inf
+            self._plan_again()
         try:
-            return self._follow.step(pose, now)
+            if not self._failure:
+                return STOP if self._follow is None else self._follow.step(pose, now)
         except NavigationError as error:
-            raise NavigationError('FAILED_TO_STAGE', f'the staging pose is not reached: {error}') from error
+            self._failure = str(error)
+        if self._tries == RETRIES:
+            raise NavigationError('FAILED_TO_STAGE', f'the staging pose is not reached: {self._failure}')
+        self._tries += 1
+        self._failure, self._follow, self._plan_at = '', None, now + WAIT_DURATION
+        return STOP
 
     def update(self, costmap: Costmap) -> None:
-        self._follow.update(costmap)
+        if self._follow is not None:
+            self._follow.update(costmap)
 
 
 class DockMotion:

@@ -203,6 +203,7 @@ class DockGoal:
         self._server = server
         self._goal = goal
         self._motion: DockMotion | None = None
+        self._staging: StagingMotion | None = None
         self._began = server.runtime.clock.now()
         self._pose = Pose(0.0, 0.0, 0.0)
         self._stop = StopFlag()
@@ -277,14 +278,21 @@ class DockGoal:
         server.computation.run(self._goal, lambda: planner.plan(start, staging, stop), self._on_path, self._on_no_path)
 
     def _on_no_path(self, end: GoalEnd) -> None:
-        self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
+        if self._staging is not None and not end.canceled:
+            self._staging.fail(end.message)
+        else:
+            self._end(end if end.canceled else GoalEnd(code='FAILED_TO_STAGE', message=end.message))
 
     def _on_path(self, path: list[Pose]) -> None:
         if not self._goal.active:
             return
         try:
             follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.parameters.follower)
-            self._drive(StagingMotion(follower, limited(self._goal.request.max_staging_time)))
+            if self._staging is None:
+                self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage)
+                self._drive(self._staging)
+            else:
+                self._staging.go_on(follower)
         except Exception as error:
             self._fail(error)
 

@@ -27,8 +27,9 @@ from flexbt_sim.docking import (
     load_docks,
     velocity_to,
 )
+from flexbt_sim.docking.motions import RETRIES
 from flexbt_sim.errors import DockError, NavigationError
-from flexbt_sim.navigation import Velocity
+from flexbt_sim.navigation import STOP, Velocity
 from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, wrap
 
 OPEN = drawn(*['.' * 120] * 120)
@@ -251,10 +252,35 @@ def test_what_takes_too_long_is_given_up() -> None:
 @pytest.mark.parametrize('follow', [lambda pose, now: Velocity(0.0, 0.1), lambda pose, now: _fails()])
 def test_a_staging_pose_that_is_not_reached_is_no_start(follow: Callable[[Pose, float], Velocity]) -> None:
     station = Station(OPEN, Pose(1.0, 1.0, 0.0))
-    staging = StagingMotion(_Stepped(follow), 2.0)
+    staging = StagingMotion(_Stepped(follow), 2.0, lambda: None)
     motion = DockMotion(DOCK, station.senses(), PLAIN, station.costmap, charges=True, staging=staging)
     assert motion.state is DockState.NAV_TO_STAGING_POSE
     assert station.run.go(motion).code == 'FAILED_TO_STAGE'
+
+
+def test_a_way_that_is_blocked_is_planned_again_as_often_as_by_the_default_tree_of_nav2() -> None:
+    ways = [_Stepped(lambda pose, now: Velocity(0.1, 0.0)), None, _Stepped(lambda pose, now: _fails())]
+    asked: list[float] = []
+
+    def plan_again() -> None:
+        asked.append(now)
+        way = ways.pop() if ways else None
+        if way is None:
+            staging.fail('no path')
+        else:
+            staging.go_on(way)
+
+    staging, now, driven = StagingMotion(_Stepped(lambda pose, now: _fails()), 1000.0, plan_again), 0.0, STOP
+    while driven == STOP:
+        driven = staging.step(DOCK, now) or STOP
+        now += 0.1
+    assert asked == pytest.approx([5.0, 10.1, 15.2], abs=0.25)
+    staging.go_on(_Stepped(lambda pose, now: _fails()))
+    with pytest.raises(NavigationError, match='not reached: no path'):
+        while True:
+            staging.step(DOCK, now)
+            now += 0.1
+    assert len(asked) == RETRIES
 
 
 def _fails() -> Velocity:
