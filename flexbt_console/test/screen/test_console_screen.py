@@ -1030,7 +1030,7 @@ def test_a_key_of_the_page_in_the_browser_means_the_same_on_the_screen() -> None
     body = page.partition('const actions = {')[2].partition('\n    };')[0]
     found = re.findall(r"(?:'(\S)'|(\w+)): (?:\w+ \? null : )?\(\) => (.+?\)),", body)
     actions = {sign or name: re.findall(r'\w+', call)[-1] for sign, name, call in found}
-    named = {'type': 'command_line', 'focus': 'point'}
+    named = {'type': 'command_line', 'focus': 'point', 'choose': 'waiting'}
     of_screen = {shown: key.action for key in KEYS for shown in key.shown.split()} | {'/': 'command_line'}
     assert len(actions) >= 13
     for key, action in actions.items():

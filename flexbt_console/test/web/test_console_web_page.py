@@ -214,9 +214,10 @@ def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
             'const asked = {id: "a", kind: "transition", line: "", reasons: [], choices: [], wanted: "done"};'
             'const sent = [];'
             'const places = [0, 1, 2].map(() => document.createElement("div"));'
-            'const bar = new DecisionBar(...places, {send: (one) => sent.push(one), tell() {}, placesOf: () => []});'
+            'const all = document.createElement("label").appendChild(document.createElement("select"));'
+            'const bar = new DecisionBar(...places, all, {send: (one) => sent.push(one), tell() {}, placesOf: () => []});'
             'bar.allow(true);'
-            'for (const shown of [[asked], [], [{...asked, id: "b"}]]) { bar.show(shown, null, 0); bar.confirm(); }'
+            'for (const shown of [[asked], [], [{...asked, id: "b"}]]) { bar.show(shown, 0); bar.confirm(); }'
             'return sent.map((one) => one.decision)'
         )
         assert answered == ['a']
@@ -376,6 +377,32 @@ def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(bro
             assert robot.wait_sent(1)[0].kind is CommandKind.HAND_OVER_AUTHORITY
     finally:
         browser.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_shown_again(browser: Browser) -> None:
+    robot = WebRobot(answers=False)
+    waiting = [dataclasses.replace(PLAN, id=f'w{number}', prompt=f'number {number}') for number in range(40)]
+    robot.show(*waiting)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('decision-line', 'number 0 (+39 more)')
+        browser.press('a', Keys.END)
+        browser.until_text('decision-line', 'number 39')
+        browser.run('document.activeElement.blur()')
+        browser.press('2', Keys.ENTER)
+        (sent,) = robot.wait_sent(1)
+        assert (sent.decision_id, sent.outcome) == ('w39', 'failed')
+        robot.show(*waiting[:-1])
+        browser.until_text('decision-line', 'number 0 (+38 more)')
+        browser.press('a', Keys.DOWN)
+        browser.until_text('decision-line', 'number 1 ')
+        robot.show(*waiting[1:-1])  # the focus stays in the list while others come and go
+        browser.until_text('decision-line', 'number 1 (+37 more)')
+        assert browser.run('return document.activeElement.id') == 'waiting'
+        robot.show(waiting[1])
+        browser.until(lambda: browser.run('return document.getElementById("choose-waiting").hidden'))
+        assert len(robot.sent) == 1
 
 
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:

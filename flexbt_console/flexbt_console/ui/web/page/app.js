@@ -26,7 +26,7 @@ const send = (message) => {
 };
 const isLive = () => server.open && known.link?.state === 'live';
 
-const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decision-body'), {send, tell, placesOf: () => Object.keys(known.places).sort()});
+const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decision-body'), byId('waiting'), {send, tell, placesOf: () => Object.keys(known.places).sort()});
 const map = new RobotMap(byId('map'), byId('map-keys'), {
   pose: (x, y, yaw) => { if (bar.shown?.wants_pose) bar.answer([x, y, yaw].map((one) => one.toFixed(3)).join(' '), mapDecision); },
   obstacle: (x, y) => send({obstacle: [x, y]}),
@@ -227,7 +227,7 @@ function takeParts(parts) {
   if ('pose' in parts || parts.active) {
     byId('pose').textContent = [known.pose?.text ?? '', ...known.active.states.map((state) => state.progress)].filter(Boolean).join('   ');
   }
-  bar.show(known.decisions, known.status, known.times.now ?? 0);
+  bar.show(known.decisions, known.times.now ?? 0);
   if (parts.machine !== undefined || parts.active || parts.decisions || parts.status) drawMachine();
   if (parts.trees) drawTrees();
   if (parts.robots) drawRobots();

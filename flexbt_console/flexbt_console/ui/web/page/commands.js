@@ -97,7 +97,7 @@ export class Commands {
       button.addEventListener('click', () => { byId('dialog').close(); this.type(`${spec.name} `); });
       return element('li', {}, button, ` ${spec.summary}`);
     });
-    const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, g to the map, s start, f force, r repeat, ' +
+    const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, s start, f force, r repeat, ' +
       'l lock, b breakpoint, c authority, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), element('ul', {}, ...rows)));
   }
@@ -152,7 +152,7 @@ export class Commands {
     if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     const actions = {
       '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.act('repeat'),
-      l: () => this.act('lock'), b: () => this.act('breakpoint'), c: () => this.act('authority'),
+      a: () => this.bar.choose(), l: () => this.act('lock'), b: () => this.act('breakpoint'), c: () => this.act('authority'),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
       Enter: onButton ? null : () => this.bar.confirm(),
     };

@@ -5,21 +5,27 @@ const REACTION_MS = 400;  // a click or key sooner than this after a decision to
                           // also when there was nothing in between for no longer than this
 
 export class DecisionBar {
-  // send(message) gives whether it went out; tell(text, tone); placesOf() are the names of places
-  constructor(bar, line, body, {send, tell, placesOf}) {
-    Object.assign(this, {bar, line, body, send, tell, placesOf});
+  // send(message) gives whether it went out; tell(text, tone); placesOf() are the names of places; all is where one of
+  // those that wait is chosen
+  constructor(bar, line, body, all, {send, tell, placesOf}) {
+    Object.assign(this, {bar, line, body, all, send, tell, placesOf});
+    this.waiting = [];
+    this.turned = null;
     this.shown = null;
     this.text = '';
     this.left = -Infinity;
     this.replaced = -Infinity;
     this.picked = '';
     this.allowed = false;
+    all.addEventListener('change', () => this.turn(all.value));
   }
 
   get id() { return this.shown?.id ?? null; }
 
-  show(decisions, status, now) {
-    const next = decisions[0] ?? null;
+  // The oldest, or the one that was chosen while it waits.
+  show(decisions, now) {
+    this.waiting = decisions;
+    const next = decisions.find((one) => one.id === this.turned) ?? decisions[0] ?? null;
     const text = JSON.stringify(decisions);
     if (text !== this.text) {
       const at = performance.now();
@@ -29,8 +35,32 @@ export class DecisionBar {
       this.text = text;
       this.shown = next;
       this.build(decisions.length - 1);
+      this.list();
     }
     this.count(now);
+  }
+
+  // Who has chosen a decision knows it.
+  turn(id) {
+    this.turned = id;
+    this.left = this.replaced = -Infinity;
+    this.shown = null;
+    this.text = '';
+    this.show(this.waiting, this.now);
+  }
+
+  list() {
+    this.all.parentElement.hidden = this.waiting.length < 2;
+    const ids = this.waiting.map((one) => one.id);
+    if (ids.join() !== [...this.all.options].map((option) => option.value).join()) {  // it may be open
+      this.all.replaceChildren(...this.waiting.map((one) => element('option', {value: one.id}, one.line)));
+    }
+    if (this.all.value !== this.id) this.all.value = this.id;
+  }
+
+  choose() {
+    if (this.waiting.length > 1) this.all.focus();
+    else this.tell(this.shown ? 'nothing else waits' : 'nothing waits for you', 'warning');
   }
 
   // Buttons can be pressed while the picture is live.
@@ -40,6 +70,7 @@ export class DecisionBar {
   }
 
   count(now) {
+    this.now = now;
     const waited = this.shown && this.shown.since && now >= this.shown.since ? ` (waits ${Math.round(now - this.shown.since)} s)` : '';
     const timer = this.body.querySelector('.waited');
     if (timer && timer.textContent !== waited) timer.textContent = waited;
