@@ -45,9 +45,10 @@ MAIN_TREES: Final = frozenset(
 class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
-    Nodes and ports that only one branch has tell it; of ports, those of Nav2's own nodes: somebody's class that derives
-    from one inherits them. Where there are none, the names of trees do: all of Nav2's own in jazzy are the main tree
-    ``MainTree``, those of main have names of their own.
+    Nodes that only one branch has tell it. Where there are none, the names of trees do: all of Nav2's own in jazzy are
+    the main tree ``MainTree``, those of main have names of their own. Then ports that only one branch has, of Nav2's own
+    nodes: somebody's class that derives from one inherits them. The trees of kilted, whose nodes behave as those of
+    jazzy, have its names, and some ports of main.
     """
 
     def __init__(self, registry: NodeRegistry) -> None:
@@ -56,7 +57,7 @@ class _BranchOf:
         self._registry = registry
 
     def __call__(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> str | None:
-        told: set[str] = set()
+        by_nodes, by_ports = set[str](), set[str]()
         named: Nav2Branch | None = None
         for id, attributes in elements:
             if id == 'root' and attributes.get('main_tree_to_execute') == JAZZY_TREE:
@@ -64,13 +65,17 @@ class _BranchOf:
             elif id == 'BehaviorTree' and attributes.get('ID') in MAIN_TREES:
                 named = 'main'
             elif (manifest := self._registry.get(id)) is not None:
-                told.add(manifest.nav2_branch)
+                by_nodes.add(manifest.nav2_branch)
                 if id in self.nodes:
-                    told.update(manifest.ports[name].nav2_branch for name in attributes.keys() & manifest.ports.keys())
-        told &= {*NAV2_BRANCHES}
-        if not told:
-            return named
-        return told.pop() if len(told) == 1 else None
+                    ports = manifest.ports
+                    by_ports.update(ports[name].nav2_branch for name in attributes.keys() & ports.keys())
+        return _the_only(by_nodes) or named or _the_only(by_ports)
+
+
+def _the_only(told: set[str]) -> str | None:
+    """The branch, if only one is told."""
+    branches = told & {*NAV2_BRANCHES}
+    return branches.pop() if len(branches) == 1 else None
 
 
 def register_branches(
