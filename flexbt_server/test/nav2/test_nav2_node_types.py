@@ -251,7 +251,7 @@ PLAIN = '<BehaviorTree ID="T"><RoundRobin>{}<AlwaysSuccess/></RoundRobin></Behav
     ('', '<TreeNodesModel><Condition ID="IsGoalNearby"/></TreeNodesModel>' + PLAIN.format(''), None),
     ('main_tree_to_execute="MainTree"', PLAIN.format('').replace('"T"', '"MainTree"'), 'jazzy'),
     ('main_tree_to_execute="MainTree"', PLAIN.format('<IsGoalNearby/>').replace('"T"', '"MainTree"'), 'main'),
-    ('main_tree_to_execute="MainTree"', PLAIN.format('<Wait error_code_id="{e}"/>').replace('"T"', '"MainTree"'), 'jazzy'),
+    ('main_tree_to_execute="MainTree"', PLAIN.format('<Wait error_code_id="{e}"/>'), 'jazzy'),
     ('', PLAIN.format('').replace('"T"', '"FollowPoint"'), 'main'),
 ])  # fmt: skip
 def test_a_file_shows_the_branch_of_which_it_is(attributes: str, trees: str, branch: str | None) -> None:

@@ -46,9 +46,9 @@ class _BranchOf:
     """The branch of Nav2 for which a file was written, by the names and attributes of its elements; None if unknown.
 
     Nodes that only one branch has tell it. Where there are none, the names of trees do: all of Nav2's own in jazzy are
-    the main tree ``MainTree``, those of main have names of their own. Then ports that only one branch has, of Nav2's own
-    nodes: somebody's class that derives from one inherits them. The trees of kilted, whose nodes behave as those of
-    jazzy, have its names, and some ports of main.
+    the main tree ``MainTree``, those of main have names of their own. Then ports that only one branch has, of Nav2's
+    own nodes: somebody's class that derives from one inherits them. The trees of kilted, whose nodes behave as those
+    of jazzy, have its names, and some ports of main.
     """
 
     def __init__(self, registry: NodeRegistry) -> None:
