@@ -33,7 +33,8 @@ Every command has these options on the command line:
 |---|---|"""
 CODES: Final = """\
 
-What a command waits for is said on standard error, when that takes longer than a second. A script acts on the exit code:
+What a command waits for is said on standard error when that takes longer than a second. A script acts on the exit
+code:
 
 | exit code | meaning |
 |---|---|"""
