@@ -4,19 +4,15 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import fcntl
-import os
 import re
 import signal
-import struct
 import subprocess
-import termios
 import threading
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Final, Self
 
+from _terminal import Terminal
 from aiohttp import ClientError, ClientSession, WSMsgType
 
 from flexbt_testing.system.processes import executable
@@ -104,40 +100,28 @@ class Screen(Console):
     KEYS: Final = {'claim': b'c', 'pause': b'p', 'resume': b'p'}
 
     def __init__(self) -> None:
-        self._terminal, other = os.openpty()
-        fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 30, 100, 0, 0))
-        super().__init__(
-            'screen', stdin=other, stdout=other, stderr=other, env={**os.environ, 'TERM': 'xterm-256color'}
-        )
-        os.close(other)
-        self._shown = b''
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        self._wait(lambda: b'RUNNING' in self._shown, 'the robot on the screen')
-
-    def _read(self) -> None:
-        with contextlib.suppress(OSError):  # the console is gone
-            while data := os.read(self._terminal, 65536):
-                self._shown += data
+        self._terminal = Terminal()
+        super().__init__('screen', **self._terminal.streams)
+        self._terminal.begin()
+        self._wait(lambda: b'RUNNING' in self._terminal.written, 'the robot on the screen')
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         super().__exit__(kind, error, traceback)
-        self._reader.join()
-        os.close(self._terminal)
+        self._terminal.close()
 
     def do(self, command: str, has_effect: Callable[[], bool]) -> None:
         """As in the base."""
         answer, unsent = f'{command}: applied'.encode(), b'nothing was sent'
         while not has_effect():  # a screen that scrolls draws answers from before, too
-            begin = len(self._shown)
+            begin = len(self._terminal.written)
 
             def is_answered(begin: int = begin) -> bool:
-                shown = self._shown[begin:]
+                shown = self._terminal.written[begin:]
                 return unsent in shown or (answer in shown and has_effect())
 
-            os.write(self._terminal, self.KEYS[command])
+            self._terminal.type(self.KEYS[command])
             self._wait(is_answered, f'{command} on the screen')
 
 

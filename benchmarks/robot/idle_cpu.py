@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import fcntl
 import os
-import struct
 import subprocess
 import sys
 import tempfile
-import termios
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from _figures import write_figures
+from _terminal import Terminal
 from domain_coordinator import domain_id
 
 from flexbt_common.runtime import NodeRuntime
@@ -52,19 +49,19 @@ def main() -> int:
             ids = {name: stack.process_id(name) for name in PROCESSES}
             time.sleep(ROBOT_SECONDS)
             alone = measure(ids, options.seconds)
-            with screen() as (process, written):
+            with screen() as (process, terminal):
                 time.sleep(SCREEN_SECONDS)
-                before = written[0]
+                before = len(terminal.written)
                 watched = measure({**ids, SCREEN: process}, options.seconds)
-                written[0] -= before
+                written = len(terminal.written) - before
     print(f'{"":18} {"alone":>7} {"watched":>9}')
     for name, percent in watched.items():
         shown = f'{alone[name]:5.2f} %' if name in alone else ''
         print(f'{name:18} {shown:>7} {percent:7.2f} %')
-    print(f'written by the screen: {written[0]} bytes')
+    print(f'written by the screen: {written} bytes')
     if options.output is not None:
         figures = {'alone': alone, 'watched': watched}
-        write_figures(options.output, {'idle_cpu_percent': figures, 'bytes written by the screen': written[0]})
+        write_figures(options.output, {'idle_cpu_percent': figures, 'bytes written by the screen': written})
     return 0
 
 
@@ -85,29 +82,17 @@ def processor_time(process: int) -> float:
 
 
 @contextlib.contextmanager
-def screen() -> Iterator[tuple[int, list[int]]]:
-    """A screen in a terminal of its own: its process, and the bytes that it has written, which go on."""
-    terminal, other = os.openpty()
-    fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', ROWS, COLUMNS, 0, 0))
-    environment = {**os.environ, 'TERM': 'xterm-256color'}
-    process = subprocess.Popen([executable('console')], stdin=other, stdout=other, stderr=other, env=environment)
-    os.close(other)
-    written = [0]
-
-    def read() -> None:
-        with contextlib.suppress(OSError):  # the screen has ended
-            while data := os.read(terminal, 65536):
-                written[0] += len(data)
-
-    reader = threading.Thread(target=read)
-    reader.start()
+def screen() -> Iterator[tuple[int, Terminal]]:
+    """A screen in a terminal of its own: its process, and the terminal."""
+    terminal = Terminal(ROWS, COLUMNS)
+    process = subprocess.Popen([executable('console')], **terminal.streams)
+    terminal.begin()
     try:
-        yield process.pid, written
+        yield process.pid, terminal
     finally:
         process.kill()
         process.wait()
-        reader.join()
-        os.close(terminal)
+        terminal.close()
 
 
 if __name__ == '__main__':
