@@ -29,7 +29,7 @@ from flexbt_console.link import (
 )
 from flexbt_console.pictures import UNICODE
 from flexbt_console.present import encode_json
-from flexbt_console.ui.screen.map_pane import MapPane
+from flexbt_console.ui.screen.panes.map_pane import MapPane
 from flexbt_console.ui.web.picture import parts_of
 from flexbt_core.clock import ManualClock
 from flexbt_core.state_machine import AUTONOMY_NAMES
