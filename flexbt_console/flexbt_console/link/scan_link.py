@@ -74,7 +74,7 @@ class _Shown(NamedTuple):
 
 class ScanLink:
     """Feeds a mirror with a scan each ``period`` seconds; while it is the same twice that, and four times that while no
-    behavior runs. On the executor thread.
+    behavior runs and the robot stands. On the executor thread.
 
     ``map_frame`` gives the frame of the map.
     """
@@ -153,7 +153,7 @@ class ScanLink:
     @property
     def _pause(self) -> float:
         """From the last look to the next, s."""
-        if not self._is_same:
+        if not self._is_same or (self._stood is not None and not self._is_where_it_stood()):
             return self._period
         return self._period * (2.0 if self._mirror.view().running else 4.0)
 
@@ -209,13 +209,20 @@ class ScanLink:
         self._rest()
 
     def _stands(self) -> bool:
-        """Whether the robot is known to be where it was, as far as its statuses tell, since what is shown is shown."""
-        view = self._mirror.view()
-        pose = view.snapshot.robot_pose if view.live and view.snapshot is not None else None
-        if pose is not None and self._stood is not None and _is_near(pose, self._stood):
+        """Whether the robot is where it was, as far as its statuses tell, since what is shown is shown; if not, it may
+        be from now on."""
+        if self._is_where_it_stood():
             return True
-        self._stood, self._stands_since = pose, self._runtime.steady.now()
+        self._stood, self._stands_since = self._pose(), self._runtime.steady.now()
         return False
+
+    def _is_where_it_stood(self) -> bool:
+        pose = self._pose()
+        return pose is not None and self._stood is not None and _is_near(pose, self._stood)
+
+    def _pose(self) -> Pose | None:
+        view = self._mirror.view()
+        return view.snapshot.robot_pose if view.live and view.snapshot is not None else None
 
     def _rest(self) -> None:
         self._scan, self._expires_at = None, math.inf

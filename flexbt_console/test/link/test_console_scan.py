@@ -24,7 +24,7 @@ from flexbt_console.link import SurroundingsFeed, SurroundingsLink, scan_link
 from flexbt_console.link.scan_link import SCAN_SECONDS, ScanLink
 from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose, Snapshot
 from flexbt_console.pictures import ASCII
-from flexbt_console.ui.screen.map_pane import MapPane
+from flexbt_console.ui.screen.panes.map_pane import MapPane
 from flexbt_core.clock import ManualClock
 from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStructure
 from flexbt_testing.waiting import wait_until
@@ -211,7 +211,10 @@ def test_transforms_of_a_robot_that_stands_are_not_heard_until_something_changes
             return points == [(x + 1.0, reach)] and lidar.is_heard is is_heard
 
         wait_until(lambda: shows(is_heard=False), 'rest')
-        before = sequence
+        assert near.call(lambda: link._pause) == 4e-6
+        mirror.receive_snapshot(Snapshot('e', sequence + 1, robot_pose=Pose(5.1, 0.0), heartbeat_period=10.0))
+        assert near.call(lambda: link._pause) == 1e-6  # somebody moves it
+        before = sequence = sequence + 1
         wait_until(lambda: shows(is_heard=False) and sequence > before + 20, 'more of the same')
         reach = 1.0  # somebody comes
         wait_until(lambda: shows(is_heard=True), 'the new scan')
