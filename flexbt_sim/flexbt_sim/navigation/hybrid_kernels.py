@@ -37,9 +37,10 @@ EAGERNESS = 1.3
 PATIENCE = 3.0
 """How many states are looked at in all for a cheaper way, of those that were looked at until one was found."""
 
-NEAR = 8.0
-"""Distance to the goal, in turning radii, within which its heading matters to what is estimated. Where this is near,
-searches stay beyond it, since less is estimated there."""
+NEAR = 3.0
+"""Distance, in turning radii, within which all the curves to the goal are what is estimated. Beyond it that is the way
+over free cells, with the turn into it and the one out of it to the heading of the goal: their directions are those to
+what is so far ahead on this way, and from what is so far from the goal."""
 
 TOUCH = math.sqrt(0.5)
 """Nearer to the outline than this the centre of a cell of an obstacle counts as touched: as in a costmap."""
@@ -48,17 +49,23 @@ SLACK = 0.25
 """What may be missed between two places that are looked at."""
 
 
-def distances(free: Bools, row: int, column: int) -> Weights:
-    """How far it is from each cell over free neighbouring ones to that at a row and column; infinite without a way."""
+def ways(free: Bools, row: int, column: int, near: float) -> Any:
+    """Of the shortest ways over free neighbouring cells to that at a row and column: for each cell, by its number, how
+    far it is, infinite without a way; the next cell; and the first one of those that are no farther than ``near``.
+    """
     height, width = free.shape
     found = numpy.full((height, width), math.inf)
     found[row, column] = 0.0
+    following = numpy.arange(free.size).astype(numpy.int32)
+    gates = following.copy()
     queue = [(0.0, row * width + column)]
     while queue:
         here, cell = heapq.heappop(queue)
         r, c = cell // width, cell % width
         if here > found[r, c]:
             continue
+        if here > near:
+            gates[cell] = gates[following[cell]]
         for up in range(-1, 2):
             for right in range(-1, 2):
                 a, b = r + up, c + right
@@ -66,8 +73,9 @@ def distances(free: Bools, row: int, column: int) -> Weights:
                     there = here + math.sqrt(up * up + right * right)
                     if there < found[a, b]:
                         found[a, b] = there
+                        following[a * width + b] = cell
                         heapq.heappush(queue, (there, a * width + b))
-    return found
+    return found.reshape(free.size), following, gates
 
 
 def far_from(squares: Squares, x: float, y: float) -> Any:
@@ -258,6 +266,12 @@ def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
     return found[:count]
 
 
+def turn_into(angle: float) -> Any:
+    """What the bend into a straight way costs more, in turning radii, than it leads ahead on it."""
+    angle = abs((angle + math.pi) % math.tau - math.pi)
+    return BEND_COST * angle - math.sin(angle)
+
+
 def hybrid_search(
     obstacles: Bools,
     squares: Squares,
@@ -267,21 +281,25 @@ def hybrid_search(
     slack: float,
     margin: float,
     ahead: Weights,
+    following: Squares,
+    gates: Squares,
     block: int,
     start: tuple[float, float, float],
     goal: tuple[float, float, float],
     turning_radius: float,
+    piece: float,
     reverses: bool,
     most: int,
     stop: Costs,
 ) -> Any:
     """The pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states were seen.
 
-    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ahead`` is
-    how far it is to the goal at least, by squares of ``block`` cells. The way is empty when there is none, when
-    ``most`` states were seen, or when another thread sets ``stop[0]``.
+    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ahead``,
+    ``following`` and ``gates`` are the :func:`ways` to the goal over squares of ``block`` cells, and those of NEAR. The
+    way is empty when there is none, when ``most`` states were seen, or when another thread sets ``stop[0]``.
     """
-    piece = max(PIECE * turning_radius, 1.5)
+    across = (obstacles.shape[1] + block - 1) // block
+    look = math.ceil(NEAR * turning_radius / block)
     cell = piece / math.sqrt(2.0)
     columns = int(obstacles.shape[1] / cell) + 1
     size = 1
@@ -350,7 +368,8 @@ def hybrid_search(
             x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
             if not (0.0 <= y < obstacles.shape[0] and 0.0 <= x < obstacles.shape[1]):
                 continue
-            remains = ahead[int(y) // block, int(x) // block]
+            square = int(y) // block * across + int(x) // block
+            remains = ahead[square]
             if remains == math.inf:
                 continue
             yaw %= math.tau
@@ -370,13 +389,20 @@ def hybrid_search(
                 cost += REVERSAL_COST * turning_radius
             if cost == math.inf or (other >= 0 and cost >= spent[other]):
                 continue
-            # Distances over blocks are too long by up to a twelfth, and by the ends in these.
+            # Distances over squares are too long by up to a twelfth, and by the ends in these.
             least = max(0.0, 0.92 * (remains - 1.5) * block)
             if least < NEAR * turning_radius:
                 cos, sin = math.cos(yaw), math.sin(yaw)
                 right, up = (goal[0] - x) / turning_radius, (goal[1] - y) / turning_radius
                 options = curves(right * cos + up * sin, up * cos - right * sin, goal[2] - yaw, reverses)
                 least = max(least, turning_radius * options[:, 6].min())
+            else:
+                farther, gate = square, gates[square]
+                for _ in range(look):
+                    farther = following[farther]
+                course = math.atan2(farther // across - square // across, farther % across - square % across)
+                arrival = math.atan2(goal[1] - gate // across * block, goal[0] - gate % across * block)
+                least += turning_radius * (turn_into(course - yaw) + turn_into(goal[2] - arrival))
             if other < 0:
                 if count == most:
                     break

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
+from itertools import product
 from typing import Any, Final, NamedTuple
 
 import numpy
@@ -16,7 +17,7 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import Pose, compiled, wrap
 
 from . import hybrid_kernels
-from .hybrid_kernels import SLACK, hybrid_search
+from .hybrid_kernels import NEAR, PIECE, SLACK, hybrid_search
 from .motions import Steering
 from .planner import SPACING, Cell, GridPlanner, StopFlag
 
@@ -29,23 +30,26 @@ MARGIN: Final = 0.05
 TIGHT: Final = -0.02
 """Slack, in cells, where the robot has no room to spare."""
 
-MOST_STATES: Final = 200_000
-"""After so many the search is given up: some seconds."""
+MOST_STATES: Final = (1_000, 4_000, 16_000, 64_000)
+"""How many are looked at from either end, by turns, until the search is given up: a second."""
 
-MOST_INTERPRETED: Final = 10_000
+MOST_INTERPRETED: Final = MOST_STATES[:2]
 """The same where nothing is compiled: six seconds."""
+
+SHORTEST: Final = 1.5
+"""Length of the pieces of a way, in cells, at least."""
 
 MOST_DISCS: Final = 20
 """By which a robot is looked at first, before its outline is."""
 
 MOST_BLOCKS: Final = 60_000
-"""In which distances to the goal are known beforehand."""
+"""Over which the ways to the goal are known beforehand."""
 
 
 class CarLoops(NamedTuple):
     """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
 
-    distances: Callable[..., Any]
+    ways: Callable[..., Any]
     hybrid_search: Callable[..., Any]
     curves: Callable[..., Any]
     room: Callable[..., Any]
@@ -69,11 +73,15 @@ def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) ->
 class HybridPlanner(GridPlanner):
     """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
 
-    :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. Of a path
-    ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot nearly on
-    it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same one begins
-    forward and the other backward, and a robot that is told now this one and now that one gets nowhere. NavigationError
-    TIMEOUT is raised, too, when the search is given up.
+    :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. It is searched for
+    from either end by turns, since one may be hard to get away from, and from there little is left to look at. A robot
+    that stands the other way round drives from the goal to the start where this one drives from the start to the goal.
+    Where that leads nowhere the way is made of shorter pieces, before it is said that there is none.
+
+    Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot
+    nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same one
+    begins forward and the other backward, and a robot that is told now this one and now that one gets nowhere.
+    NavigationError TIMEOUT is raised, too, when the search is given up.
     """
 
     def __init__(self, costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> None:
@@ -100,35 +108,45 @@ class HybridPlanner(GridPlanner):
         for path in before:
             if rest := self._rest(path, start, goal):
                 return list(rest)
-        radius = self._steering.turning_radius * STEERING_RESERVE / cell
-        shape = self.shape
-        ends = self.on_grid(start), self.on_grid(goal)
+        reverses, radius = self._steering.reverses, self._steering.turning_radius * STEERING_RESERVE / cell
+        begin, end = ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
-        slack = SLACK if all(car_loops().room(*shape, SLACK, *end) >= 0.0 for end in ends) else TIGHT
-        ahead, block = self._ahead(target)
+        slack = SLACK if all(car_loops().room(*self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
+        rules = slack, max(1.0, MARGIN * radius)
+
+        @cache
+        def problem(turned: bool) -> tuple[Any, ...]:
+            if not turned:
+                return *self.shape, *rules, *self._ahead(target, radius), begin, end
+            obstacles, squares, corners, discs, reach = self.shape
+            shape = obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
+            return *shape, *rules, *self._ahead(source, radius), _turned(end), _turned(begin)
+
         search = car_loops().hybrid_search
-        most = MOST_INTERPRETED if search is hybrid_search else MOST_STATES
-        pieces, states = search(
-            *shape,
-            slack,
-            max(1.0, MARGIN * radius),
-            ahead,
-            block,
-            *ends,
-            radius,
-            self._steering.reverses,
-            most,
-            stop.cell,
+        lengths = sorted({max(SHORTEST, PIECE * radius / share) for share in (1.0, 2.0)})
+        untried, looked = {turned: lengths.copy() for turned in (False, True)}, 0
+        for most, turned in product(MOST_INTERPRETED if search is hybrid_search else MOST_STATES, untried):
+            while untried[turned]:
+                pieces, states = search(*problem(turned), radius, untried[turned][-1], reverses, most, stop.cell)
+                stop.check()
+                if len(pieces):
+                    pieces = pieces[::-1] * (-1.0, 1.0) if turned else pieces
+                    return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
+                looked += states
+                if states == most:
+                    break
+                untried[turned].pop()
+            else:
+                raise self._no_way('NO_VALID_PATH', goal, looked)
+        raise self._no_way('TIMEOUT', goal, looked)
+
+    def _no_way(self, code: str, goal: Pose, looked: int) -> NavigationError:
+        return NavigationError(
+            code,
+            f'no way with bends of {self._steering.turning_radius:g} m leads to the goal ({goal.x:.2f}, '
+            f'{goal.y:.2f}){"" if self._steering.reverses else " without driving backward"}, '
+            f'of {looked} places and headings that were looked at',
         )
-        stop.check()
-        if not len(pieces):
-            raise NavigationError(
-                'TIMEOUT' if states >= most else 'NO_VALID_PATH',
-                f'no way with bends of {self._steering.turning_radius:g} m leads to the goal ({goal.x:.2f}, '
-                f'{goal.y:.2f}){"" if self._steering.reverses else " without driving backward"}, '
-                f'of {states} places and headings that were looked at',
-            )
-        return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
 
     def _rest(self, path: Sequence[Pose], start: Pose, goal: Pose) -> Sequence[Pose]:
         """What is left of a path before; nothing when it led elsewhere, or is not free, or the robot is not on it."""
@@ -157,13 +175,19 @@ class HybridPlanner(GridPlanner):
         row, column = world.grid_position(pose.x, pose.y)
         return column, row, float(pose.yaw - world.origin.yaw)
 
-    def _ahead(self, target: Cell) -> tuple[NDArray[numpy.float64], int]:
-        """How far it is to a cell, in blocks, at least; and how many cells wide a block is."""
+    def _ahead(self, target: Cell, radius: float) -> tuple[Any, ...]:
+        """The :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""
         free = self._costmap.costs < INSCRIBED
         block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
         blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
-        return car_loops().distances(blocks, target[0] // block, target[1] // block), block
+        return *car_loops().ways(blocks, target[0] // block, target[1] // block, NEAR * radius / block), block
+
+
+def _turned(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The other way round."""
+    x, y, yaw = pose
+    return x, y, yaw + math.pi
 
 
 def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float64]:

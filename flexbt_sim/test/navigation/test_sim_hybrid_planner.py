@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy
 import pytest
@@ -25,7 +26,7 @@ RADIUS = CAR.drive.turning_radius
 WIDE = RADIUS * STEERING_RESERVE
 
 
-def yard(blocks: Sequence[tuple[int, int, int, int]], resolution: float = 0.2) -> Costmap:
+def yard(blocks: Sequence[tuple[float, float, float, float]], resolution: float = 0.2) -> Costmap:
     """40 m by 30 m within walls; blocks by row, column, height and width, in metres."""
     cells = numpy.zeros((round(30 / resolution), round(40 / resolution)), numpy.int8)
     cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = 100
@@ -110,15 +111,16 @@ LANE = ((0, 0, 12, 40), (18, 0, 12, 40))
 
 
 def test_a_car_that_may_not_reverse_is_told_that_there_is_no_way() -> None:
-    costmap = yard(LANE)
-    start, goal = Pose(-8.0, 0.0, 0.0), Pose(8.0, 0.0, 0.0)
-    back = Pose(-8.0, 0.0, math.pi)
-    forward = HybridPlanner(costmap, Steering(RADIUS, reverses=False))
-    check(costmap, forward.plan(start, goal), start, goal, reverses=False)
+    narrow = yard(((0, 0, 13.4, 40), (16.6, 0, 13.4, 40), (0, 0, 30, 10), (0, 30, 30, 10)))
+    start, goal = Pose(-5.0, 0.0, 0.0), Pose(5.0, 0.0, 0.0)
+    forward = HybridPlanner(narrow, Steering(RADIUS, reverses=False))
+    check(narrow, forward.plan(start, goal), start, goal, reverses=False)
     with pytest.raises(NavigationError, match='without driving backward') as raised:
-        forward.plan(start, back)
+        forward.plan(goal, start)
     assert raised.value.code == 'NO_VALID_PATH'
-    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, back), start, back)
+    check(narrow, HybridPlanner(narrow, Steering(RADIUS)).plan(goal, start), goal, start)
+    lane, back = yard(LANE), Pose(-5.0, 0.0, math.pi)
+    check(lane, HybridPlanner(lane, Steering(RADIUS)).plan(start, back), start, back)
 
 
 def test_a_start_or_goal_that_only_another_heading_fits_has_a_code() -> None:
@@ -136,10 +138,49 @@ def test_a_search_ends_when_it_is_stopped() -> None:
     wall = yard(((14, 0, 1, 40),))
     shape = *HybridPlanner(wall, Steering(RADIUS)).shape, 0.25, 1.0
     ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
-    nothing = numpy.zeros(wall.obstacles.shape)
-    pieces, states = car_loops().hybrid_search(*shape, nothing, 1, *ends, 25.0, True, 100_000, stop.cell)
+    ways = car_loops().ways(numpy.ones(wall.obstacles.shape, bool), 100, 110, 75.0)
+    pieces, states = car_loops().hybrid_search(*shape, *ways, 1, *ends, 25.0, 4.0, True, 100_000, stop.cell)
     assert len(pieces) == 0
     assert 1 < states < 1000
+
+
+@pytest.fixture
+def states(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many each search has looked at."""
+    loops, looked = car_loops(), []
+
+    def search(*problem: Any) -> Any:
+        pieces, states = loops.hybrid_search(*problem)
+        looked.append(states)
+        return pieces, states
+
+    monkeypatch.setattr(hybrid_planner, 'car_loops', lambda: loops._replace(hybrid_search=search))
+    return looked
+
+
+def test_a_turn_at_either_end_is_estimated_from_afar(states: list[int]) -> None:
+    """What is not estimated is looked at everywhere between: 265 states."""
+    costmap = yard(((13, 18, 4, 4),))
+    start, goal = Pose(-14.0, 0.0, math.pi), Pose(14.0, 0.0, math.pi)
+    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal), start, goal)
+    assert sum(states) < 120
+
+
+def test_a_goal_that_is_hard_to_get_to_is_searched_for_from_there(states: list[int]) -> None:
+    """From the start alone it is 24,000 states."""
+    costmap = yard(((0, 20, 26, 1), (10, 22, 1, 12), (5, 20, 1, 12)))
+    start, goal = Pose(-14.0, -5.0, 0.0), Pose(9.0, -7.5, 0.0)
+    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal), start, goal)
+    assert sum(states) < 12_000
+
+
+def test_a_car_gets_out_of_a_space_between_two_others_and_into_it() -> None:
+    """No piece of the usual length can be driven there."""
+    costmap = yard(((0, 0, 14, 40), (21, 0, 9, 40), (14, 10, 2.4, 6), (14, 22.2, 2.4, 6)))
+    parked, away = Pose(-2.5, 0.25, 0.0), Pose(12.0, 2.5, 0.0)
+    planner = HybridPlanner(costmap, Steering(RADIUS))
+    for start, goal in ((parked, away), (away, parked)):
+        check(costmap, planner.plan(start, goal), start, goal)
 
 
 def test_the_rest_of_a_path_is_the_plan_as_long_as_it_is_free() -> None:
@@ -174,9 +215,9 @@ def test_a_search_that_is_not_compiled_is_given_up_earlier(monkeypatch: pytest.M
     monkeypatch.setattr(
         hybrid_planner, 'car_loops', lambda: CarLoops(*(getattr(hybrid_kernels, name) for name in CarLoops._fields))
     )
-    monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', 30)
+    monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', (10, 30))
     planner = HybridPlanner(yard(LANE, 0.5), Steering(RADIUS, reverses=False))
-    with pytest.raises(NavigationError, match='of 30 places') as raised:
+    with pytest.raises(NavigationError, match='of 80 places') as raised:
         planner.plan(Pose(-8.0, 0.0, 0.0), Pose(-8.0, 0.0, math.pi))
     assert raised.value.code == 'TIMEOUT'
 
