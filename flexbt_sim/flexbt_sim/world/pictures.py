@@ -28,6 +28,10 @@ MAX_FRAMES: Final = 5000
 _FINE: Final = 2
 """Pictures are drawn so many times as large, so that lines are smooth."""
 
+_FONT: Final = 20
+_PAD: Final = 4
+"""Size of letters, and of the paper round a text, pixels of the finer picture."""
+
 _ZONES: Final = {'no_go': (214, 69, 65), 'slow': (230, 168, 23), 'sensor_shadow': (120, 90, 170)}
 _PAPER: Final = (245, 245, 242)
 _ROBOTS: Final = ((0, 122, 135), (196, 78, 22), (85, 107, 47), (125, 60, 152), (30, 90, 180), (150, 40, 80))
@@ -182,17 +186,36 @@ class _Drawing:
             if name in colours:
                 self._shape(pen, shape, pose, (*colours[name],), (20, 20, 20))
                 self._heading(pen, pose, shape.radius, (255, 255, 255))
-                x, y = self._at((pose.x, pose.y + shape.radius))
-                pen.text((x, y - 4), name, fill=colours[name], font_size=20, anchor='mb')
             elif isinstance(obstacle := self._world.entities.get(name), Obstacle):
                 self._shape(pen, shape, pose, (222, 150, 80) if obstacle.is_mobile else (150, 130, 110), (90, 70, 50))
             else:
                 self._shape(pen, shape, pose, (70, 120, 200), (30, 60, 120))
-        for name, place in self._world.places.items():  # above the robots, which stand at places
-            x, y = self._at((place.x, place.y))
-            pen.text((x + 8, y - 22), name, fill=(90, 90, 90), font_size=20, stroke_width=3, stroke_fill=_PAPER)
-        pen.text((12, 8), f'{frame.time:.1f} s', fill=(90, 90, 90), font_size=22, stroke_width=6, stroke_fill=_PAPER)
+        robots = {name: body for name, body in frame.bodies.items() if name in colours}
+        for name, place in self._world.places.items():
+            hidden_by = [(shape, pose) for shape, pose in robots.values() if pose.distance(place) < shape.radius]
+            if hidden_by:
+                shape, pose = hidden_by[0]
+                x, y = self._at((pose.x, pose.y - shape.radius))
+                self._label(pen, (x, y + 2 * _PAD), 'mt', name)
+            else:
+                x, y = self._at((place.x, place.y))
+                self._label(pen, (x + 2 * _PAD, y - 2 * _PAD), 'lb', name)
+        for name, (shape, pose) in robots.items():
+            x, y = self._at((pose.x, pose.y + shape.radius))
+            self._label(pen, (x, y - 2 * _PAD), 'mb', name, colours[name])
+        self._label(pen, (0, 0), 'lt', f'{frame.time:.1f} s')
         return picture.resize((max(1, self._size[0] // _FINE), max(1, self._size[1] // _FINE)), Image.Resampling.BOX)
+
+    def _label(
+        self, pen: ImageDraw.ImageDraw, point: Point, anchor: str, text: str, colour: Colour = (90, 90, 90)
+    ) -> None:
+        """A text on paper of its own, all of it in the picture. ``anchor`` as in Pillow."""
+        left, top, right, bottom = pen.textbbox(point, text, font_size=_FONT, anchor=anchor)
+        dx = max(_PAD - left, min(0.0, self._size[0] - _PAD - right))
+        dy = max(_PAD - top, min(0.0, self._size[1] - _PAD - bottom))
+        paper = (left + dx - _PAD, top + dy - _PAD, right + dx + _PAD, bottom + dy + _PAD)
+        pen.rounded_rectangle(paper, radius=_PAD, fill=(255, 255, 255))
+        pen.text((point[0] + dx, point[1] + dy), text, fill=colour, font_size=_FONT, anchor=anchor)
 
     def _shape(self, pen: ImageDraw.ImageDraw, shape: Shape, pose: Pose, fill: Colour, line: Colour) -> None:
         if isinstance(shape, Circle):

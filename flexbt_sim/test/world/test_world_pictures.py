@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from PIL import Image
+from PIL import Image, ImageChops
 from sim_maps import drawn
 
 from flexbt_sim.errors import SimulationError
@@ -55,15 +55,27 @@ def test_everything_is_where_it_is(yaw: float) -> None:
     assert seen['zone'][0] > seen['zone'][1] + 20
 
 
-def test_the_name_of_a_place_is_seen_also_when_a_robot_stands_there() -> None:
+def test_the_name_of_a_place_is_beside_the_robot_that_stands_there() -> None:
+    grid = drawn(*['.' * 60] * 40)
     pictures = []
-    for places in ({}, {'dock': Pose(0.0, 0.0, 0.0)}):
-        world = World(places=places)
-        world.add('alpha', MODELS['waffle'], Pose(0.0, 0.0, 0.0))
-        picture = draw_world(world, pixels=1000)
-        x, y = picture.width // 2, picture.height // 2
-        pictures.append(picture.crop((x + 4, y - 11, x + 40, y - 4)).tobytes())
-    assert pictures[0] != pictures[1]
+    for places in ({}, {'dock': Pose(1.5, 1.0, 0.0)}):
+        world = World(grid, places=places)
+        world.add('alpha', MODELS['waffle'], Pose(1.5, 1.0, 0.0))
+        pictures.append(draw_world(world, pixels=600))
+    changed = ImageChops.difference(*pictures).getbbox()
+    assert changed is not None
+    assert changed[1] > 200 + 0.22 * 200  # below the robot, of which all is seen
+    assert changed[0] < 300 < changed[2]
+
+
+def test_names_are_within_the_picture() -> None:
+    grid = drawn(*['.' * 60] * 40)
+    bare = draw_world(World(grid), pixels=600)
+    for x, y in ((0.02, 0.02), (2.98, 0.02), (2.98, 1.98)):
+        picture = draw_world(World(grid, places={'the_dock': Pose(x, y, 0.0)}), pixels=600)
+        changed = ImageChops.difference(bare, picture).getbbox()
+        assert changed is not None
+        assert changed[2] - changed[0] > 30  # the whole name
 
 
 def test_paths_driven_and_planned_are_drawn() -> None:
