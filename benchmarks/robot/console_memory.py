@@ -54,7 +54,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_console.ui.interaction import Attention
 from flexbt_console.ui.screen import OperatorScreen
-from flexbt_console.ui.web import Access, Station, WebServer, serving
+from flexbt_console.ui.web import Access, PageStation, WebServer, serving
 from flexbt_core.clock import ManualClock
 
 STEP = 0.5
@@ -194,8 +194,8 @@ async def with_page(robot: Robot, count: int, look: int, note: Callable[[int], N
     robot.step()
     access, attention = Access(), Attention(ManualClock())
 
-    def station(mirror: Mirror, link: Any) -> Station:
-        return Station(mirror, link, robot.make, 5.0, attention)
+    def station(mirror: Mirror, link: Any) -> PageStation:
+        return PageStation(mirror, link, robot.make, 5.0, attention)
 
     server = WebServer(Robots(robot), station, access)
     async with serving(server.application(), access.address, 0) as port, ClientSession() as session:
