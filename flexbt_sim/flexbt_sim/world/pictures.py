@@ -192,7 +192,7 @@ class _Drawing:
                 self._shape(pen, shape, pose, (70, 120, 200), (30, 60, 120))
         robots = {name: body for name, body in frame.bodies.items() if name in colours}
         for name, place in self._world.places.items():
-            hidden_by = [(shape, pose) for shape, pose in robots.values() if pose.distance(place) < shape.radius]
+            hidden_by = [(shape, pose) for shape, pose in robots.values() if pose.distance(place) < 1.5 * shape.radius]
             if hidden_by:
                 shape, pose = hidden_by[0]
                 x, y = self._at((pose.x, pose.y - shape.radius))
