@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from .machine_graph import MachineBox, StateBox
 from .markup import DOT_HEAD, LINES, MARKS, MERMAID_HEAD, dot_text, mermaid_text
 from .tree_picture import dot_tree, mermaid_tree
+
+BEGIN: Final = '●'
+"""Before the title of a machine: there it begins."""
 
 
 def machine_as_dot(graph: MachineBox, title: str) -> Iterator[str]:
@@ -32,8 +36,10 @@ def machine_as_dot(graph: MachineBox, title: str) -> Iterator[str]:
 
 def _dot_machine(box: MachineBox, title: str) -> Iterator[str]:
     yield f'  subgraph cluster_{box.id} {{'
-    yield f'    id={box.id}; label={dot_text([title])}; style=rounded'
-    yield f'    {box.entry} [shape=circle, class=entry, label="", width=0.15, fillcolor="#333333"]'
+    # The title is where the container is entered: transitions begin and end there, and none crosses it.
+    yield f'    id={box.id}; label=""; style=rounded'
+    heading = f'label={dot_text([f"{BEGIN} {title}"])}, fontsize=13, margin="0.06,0.03", height=0.3'
+    yield f'    {box.entry} [shape=plaintext, class=entry, style="", {heading}]'
     for inner in box.boxes:
         yield from _dot_state(inner) if isinstance(inner, StateBox) else _dot_machine(inner, inner.title)
     for outcome, point in box.ends.items():

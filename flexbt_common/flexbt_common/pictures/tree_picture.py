@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import textwrap
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -33,7 +33,7 @@ class NodeShape(Enum):
 _SHAPES: Final[Mapping[NodeShape, tuple[str, str]]] = {
     NodeShape.CONTROL: ('shape=box', '["|"]'),
     NodeShape.DECORATOR: ('shape=hexagon, margin="0.06,0.02"', '{{"|"}}'),
-    NodeShape.SUBTREE: ('shape=box3d', '[["|"]]'),
+    NodeShape.SUBTREE: ('shape=box3d, margin="0.16,0.1"', '[["|"]]'),
     NodeShape.ACTION: ('shape=box, style="rounded,filled"', '(["|"])'),
     NodeShape.CONDITION: ('shape=ellipse, margin="0.06,0.02"', '{"|"}'),
 }
@@ -68,9 +68,22 @@ class DrawnNode:
         return [line for text in texts for line in _folded(text)]
 
 
+_JOINTS: Final = tuple(map(re.compile, (' ', r'[→=](?=.)|.(?={)', r'[/_.,:;-](?=.)|[a-z](?=[A-Z])')))
+"""Where a line is broken, the best places first."""
+
+
 def _folded(text: str) -> list[str]:
-    folded = textwrap.wrap(text, MOST_CHARACTERS, expand_tabs=False, replace_whitespace=False, break_on_hyphens=False)
-    return folded or [text]
+    """In lines of which none is nearly empty."""
+    rows = []
+    while len(text) > MOST_CHARACTERS:
+        head = text[: MOST_CHARACTERS + 1]
+        ends = (
+            [found.end() for found in joints.finditer(head) if found.start() < MOST_CHARACTERS] for joints in _JOINTS
+        )
+        place = next((found[-1] for found in ends if found and found[-1] > MOST_CHARACTERS // 3), MOST_CHARACTERS)
+        rows.append(text[:place].rstrip(' '))
+        text = text[place:].lstrip(' ')
+    return [*rows, text]
 
 
 Trees = Sequence[tuple[str, Sequence[DrawnNode]]]

@@ -55,4 +55,6 @@ def graph_of(
 def _why(path: str, reasons: Mapping[str, str]) -> list[str]:
     """Of a state of the machine itself; what its name says already is left out."""
     _, _, label = path.rpartition('/')
-    return [line for line in reasons.get(label, '').split('; ') if line != label] if path.count('/') == 1 else []
+    return (
+        [line for line in reasons.get(label, '').split('; ') if line not in ('', label)] if path.count('/') == 1 else []
+    )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -62,14 +63,25 @@ SVG = '{http://www.w3.org/2000/svg}'
 
 def test_svg_nests_the_trees_and_keeps_the_order_of_their_nodes() -> None:
     root = ElementTree.fromstring(tool('draw', 'Navigate Split', '--expand').out)  # noqa: S314 of this program
-    assert len([group for group in root.iter() if group.get('class') == 'cluster']) == 4
+    frames = [group for group in root.iter() if group.get('class') == 'cluster']
+    assert len(frames) == 4 and not any(frame.find(f'{SVG}text') is not None for frame in frames)
     places: dict[str, list[float]] = {}
     for text in root.iter(f'{SVG}text'):
         places.setdefault(text.text or '', []).append(float(text.get('x', '')))
-    assert {'PlanPath', 'runs tree GlobalPlanner', 'Navigate Split', 'finished'} <= places.keys()
+    assert {'PlanPath', 'runs tree GlobalPlanner', '● Navigate Split', 'finished'} <= places.keys()
     steps = ['Spin', 'Wait', 'BackUp']
     assert [places[step] for step in steps] == sorted(places[step] for step in steps)
     assert places['ComputePathToPose'] < places['ClearGlobalCostmap']
+
+
+def test_a_transition_into_a_container_ends_at_its_title_and_crosses_none() -> None:
+    dot = tool('draw', 'Night Watch', '--format', 'dot', '--no-trees').out
+    titles = dict(re.findall(r'(\w+) \[shape=plaintext, class=entry, .*label="● ([^"]+)"', dot))
+    assert len(titles) == dot.count('subgraph cluster_m') > 1 and 'label=""; style=rounded' in dot
+    begins = re.findall(r'(\w+) -> (\w+) \[id=\w+begin', dot)
+    assert {start for start, _ in begins} == titles.keys()
+    assert any(f'-> {title} [' in dot for title in titles)
+    assert '\\n"' not in dot and '\\n\\n' not in dot  # no line of a label is empty
 
 
 def test_svg_tells_the_autonomy_by_the_style_of_lines_and_in_a_legend() -> None:

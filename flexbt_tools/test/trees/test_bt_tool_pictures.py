@@ -174,6 +174,27 @@ def assert_drawn(file: str, expected: list[list[Row]]) -> None:
             assert re.search(rf'^    {prefix}{position}\W+.*{re.escape(id).replace("-", ".*")}', mermaid, re.MULTILINE)
 
 
+def test_long_lines_of_a_label_are_broken_between_their_parts(tmp_path: Path) -> None:
+    ports = {
+        'out': '{selected_controller_of_the_robot}',
+        'service_name': 'global_costmap/clear_entirely_global_costmap',
+        'code': 'x' * 90,
+    }
+    given = ' '.join(f'{name}="{value}"' for name, value in ports.items())
+    file = write(tmp_path, document(f'Main: <AddCollisionObjectToPlanningSceneInterface {given}/>'))
+    [label] = re.findall(r'label="(Add.*?)"\]', tool('draw', '--format', 'dot', '--ports', 'given', file).out)
+    assert label.split('\\n') == [
+        'AddCollisionObjectToPlanningScene',
+        'Interface',
+        'out={selected_controller_of_the_robot}',
+        'service_name=global_costmap/clear_',
+        'entirely_global_costmap',
+        f'code={"x" * 35}',
+        'x' * 40,
+        'x' * 15,
+    ]
+
+
 NASTY = st.text(
     st.characters(codec='utf-8', exclude_categories=['Cs', 'Cc']) | st.sampled_from('"\\`#&;<>|{}[]()*_\n\t%')
 )
