@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Final
 
 import numpy
 import scipy
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .kernels import Bools, Costs, Squares, Weights, neighbours
 
-_NO_PREDECESSOR = -9999
+_STRIDE: Final = 6.0
 
 
 def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
@@ -43,29 +43,50 @@ def regions(free: Bools) -> Squares:
 
 
 def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -> NDArray[numpy.int8]:
-    """See :func:`.kernels.search`. It is not stopped on the way, and goes on to cells farther than the goal."""
+    """See :func:`.kernels.search`. Looks at many cells at once: those on ways up to some cost, until none of these
+    becomes cheaper, then those on ways that cost up to ``_STRIDE`` free cells more.
+    """
     width = costs.shape[1]
-    along = weights[costs]
-    free = along < math.inf
-    numbers = numpy.arange(costs.size, dtype=numpy.int32).reshape(costs.shape)
-    entries: list[tuple[Any, Any, Any]] = []
-    for up, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        height = costs.shape[0]
-        a = (slice(0, height - up), slice(max(0, -right), width - max(0, right)))
-        b = (slice(up, height), slice(max(0, right), width + min(0, right)))
-        steps = free[a] & free[b]
-        if up and right:
-            steps &= free[a[0], b[1]] & free[b[0], a[1]]
-        length = (math.hypot(up, right) * (along[a] + along[b]) / 2.0)[steps]
-        entries += [(length, numbers[a][steps], numbers[b][steps]), (length, numbers[b][steps], numbers[a][steps])]
-    lengths, sources, targets = (numpy.concatenate(parts) for parts in zip(*entries, strict=True))
-    graph = scipy.sparse.csr_matrix((lengths, (sources, targets)), shape=(costs.size, costs.size))
-    _, predecessors = scipy.sparse.csgraph.dijkstra(graph, indices=start, return_predecessors=True)
+    flat = costs.reshape(costs.size)
+    steps, halves = numpy.array(neighbours(width)), numpy.repeat([0.5, math.sqrt(0.5)], 4)
+    least = weights[weights < math.inf].min()
+    spent = numpy.full(costs.size, math.inf, numpy.float32)
     directions = numpy.full(costs.size, -1, numpy.int8)
-    reached = numpy.flatnonzero(predecessors != _NO_PREDECESSOR)
-    came = reached - predecessors[reached]
-    for way, step in enumerate(neighbours(width)):
-        directions[reached[came == step]] = way
+
+    def through(cells: NDArray[numpy.int64]) -> Weights:
+        """Costs of the ways to the goal through cells, at least."""
+        rows, columns = numpy.abs(cells // width - goal // width), numpy.abs(cells % width - goal % width)
+        octile = numpy.maximum(rows, columns) + (math.sqrt(2.0) - 1.0) * numpy.minimum(rows, columns)
+        ways: Weights = spent[cells] + least * octile
+        return ways
+
+    spent[start] = 0.0
+    near = numpy.array([start])
+    limit, later = through(near)[0], [near[:0]]
+    while near.size:
+        others = near[:, None] + steps
+        there = weights[flat[others]]
+        blocked = numpy.isinf(there[:, :4])
+        there[:, 4:][blocked | numpy.roll(blocked, -1, axis=1)] = math.inf
+        reached = (spent[near, None] + (weights[flat[near], None] + there) * halves).astype(numpy.float32)
+        better = reached < spent[others]
+        cells, reached, ways = others[better], reached[better], numpy.nonzero(better)[1]
+        numpy.minimum.at(spent, cells, reached)
+        shortest = spent[cells] == reached
+        cells = cells[shortest]
+        directions[cells] = ways[shortest]
+        if stop[0]:
+            break
+        costs_through = through(cells)
+        later.append(cells[costs_through > limit])
+        near = numpy.unique(cells[costs_through <= limit])
+        if not near.size:
+            cells = numpy.concatenate(later)
+            costs_through = through(cells)
+            waiting = (costs_through > limit) & (costs_through <= spent[goal])
+            cells, costs_through = cells[waiting], costs_through[waiting]
+            limit = costs_through.min(initial=math.inf) + _STRIDE * least
+            near, later = numpy.unique(cells[costs_through <= limit]), [cells[costs_through > limit]]
     return directions
 
 

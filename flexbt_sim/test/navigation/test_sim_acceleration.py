@@ -7,11 +7,13 @@ import math
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
 import numpy
 import pytest
+import scipy
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -77,8 +79,26 @@ def way_cost(costs: NDArray[numpy.uint8], directions: NDArray[numpy.int8], start
     return total
 
 
+def least_cost(costs: NDArray[numpy.uint8], start: int, goal: int) -> float:
+    """By Dijkstra's algorithm of scipy."""
+    weights, numbers = WEIGHTS[costs], numpy.arange(costs.size).reshape(costs.shape)
+    free = numpy.isfinite(weights)
+    steps: list[Any] = []
+    for up, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        height, width = costs.shape
+        a = slice(0, height - up), slice(max(0, -right), width - max(0, right))
+        b = slice(up, height), slice(max(0, right), width + min(0, right))
+        there = free[a] & free[b] & free[a[0], b[1]] & free[b[0], a[1]]
+        steps.append(
+            ((math.hypot(up, right) * (weights[a] + weights[b]) / 2.0)[there], numbers[a][there], numbers[b][there])
+        )
+    lengths, sources, targets = map(numpy.concatenate, zip(*steps, strict=True))
+    graph = scipy.sparse.csr_array((lengths, (sources, targets)), shape=(costs.size, costs.size))
+    return float(scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=start)[goal])
+
+
 @both
-@given(st.data(), worlds(size=60, blocks=20))
+@given(st.data(), worlds(least=1, size=60, blocks=20))
 def test_the_cheapest_way(data: st.DataObject, world: OccupancyMap) -> None:
     costs = numpy.pad(Costmap(world, INFLATION).costs, 1, constant_values=LETHAL)
     free = numpy.flatnonzero(costs.ravel() < INSCRIBED).tolist()
@@ -88,7 +108,7 @@ def test_the_cheapest_way(data: st.DataObject, world: OccupancyMap) -> None:
         way_cost(costs, search(costs, WEIGHTS, start, goal, StopFlag().cell), start, goal)
         for search in (loops().search, arrays.search)
     ]
-    assert spent[0] == pytest.approx(spent[1], rel=1e-5)
+    assert spent == pytest.approx([least_cost(costs, start, goal)] * 2, rel=1e-5)
 
 
 @both
@@ -131,12 +151,13 @@ def test_without_the_compiler_there_are_the_same_plans(monkeypatch: pytest.Monke
         forget_compiled()
 
 
-def test_a_search_ends_when_it_is_stopped() -> None:
+@pytest.mark.parametrize('kind', [loops, lambda: arrays], ids=['compiled', 'arrays'])
+def test_a_search_ends_when_it_is_stopped(kind: Callable[[], Any]) -> None:
     costs = numpy.zeros((402, 402), numpy.uint8)
     costs[0] = costs[-1] = costs[:, 0] = costs[:, -1] = LETHAL
     stop: Any = StopFlag()
     stop.set()
-    reached = (loops().search(costs, WEIGHTS, 403, 401 * 402 - 2, stop.cell) >= 0).sum()
+    reached = (kind().search(costs, WEIGHTS, 403, 401 * 402 - 2, stop.cell) >= 0).sum()
     assert 0 < reached < 20_000
     with pytest.raises(PlanningStopped):
         GridPlanner(Costmap(OccupancyMap(costs.astype(numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)), INFLATION)).plan(
@@ -144,7 +165,8 @@ def test_a_search_ends_when_it_is_stopped() -> None:
         )
 
 
-def test_a_search_leaves_the_interpreter_to_others() -> None:
+@pytest.mark.parametrize('kind', [loops, lambda: arrays], ids=['compiled', 'arrays'])
+def test_a_search_leaves_the_interpreter_to_others(kind: Callable[[], Any]) -> None:
     """Who holds it cannot be stopped: this thread would not run before the search is complete.
 
     A search that holds it is what kept robots from their goals on large maps: nothing drove them meanwhile.
@@ -158,7 +180,7 @@ def test_a_search_leaves_the_interpreter_to_others() -> None:
 
         def work() -> None:
             begins.set()
-            reached.append(loops().search(costs, WEIGHTS, size + 1, size * (size - 1) - 2, stop.cell)[-size - 2])
+            reached.append(kind().search(costs, WEIGHTS, size + 1, size * (size - 1) - 2, stop.cell)[-size - 2])
 
         thread = threading.Thread(target=work)
         thread.start()
