@@ -1021,6 +1021,8 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
             await seen(robot, pilot)
             assert terminal.text == text_of(app)
             assert all(terminal.shows(pane) for pane in app.query(Pane) if pane.display), name
+        kept = {pane.id: len(pane._dirty_regions) for pane in app.query(Pane)}
+        assert set(kept.values()) <= {0, 1}, kept  # the memory of a screen stays as it is
 
     on_screen(robot, steps, size)
 

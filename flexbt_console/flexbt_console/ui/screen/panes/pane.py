@@ -88,6 +88,7 @@ class Pane(Widget):
         for number, (old, new) in enumerate(zip_longest(before, self._rows, fillvalue=no_row)):
             if old != new and (span := _changed(_cells(old, width), _cells(new, width))) is not None:
                 self.refresh(Region(span[0], number, span[1] - span[0], 1))
+        self._dirty_regions.clear()  # each that there ever was stays, where a widget renders its own lines
 
     def on_resize(self) -> None:
         """See :class:`Resized`."""
