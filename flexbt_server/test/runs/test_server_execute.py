@@ -411,8 +411,8 @@ def test_owners_whose_goals_are_over_are_forgotten(world: World, monkeypatch: py
     def watched() -> list[str]:
         return [owner for owner in owners if count(f'{owner}/alive')]
 
-    wait_until(lambda: not watched(), lambda: f'the end of the watch over {watched()}')
-    assert not world.server.goals.owners._watches
+    watches = world.server.goals.owners._watches
+    wait_until(lambda: not watches and not watched(), lambda: f'the end of the watch over {[*watches]}, {watched()}')
 
 
 @pytest.mark.parametrize('owner', ['two words', '/a//b', '/', '1st', '{robot}', '/' + 'long' * 99])

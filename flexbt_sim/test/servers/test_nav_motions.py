@@ -191,6 +191,7 @@ def test_the_collision_monitor_slows_a_motion_down_before_a_wall_while_it_is_on(
     def slowest() -> float:
         """Of the commands while the robot drives to where it is 3 cm from a wall."""
         world.place((0.9, 4.45, math.pi))
+        world.wait(lambda: world.commands[-1:] in ([], [(0.0, 0.0)]), 'the end of the commands before')
         begun = len(world.commands)
         assert drive(world, names.DRIVE_ON_HEADING, 0.45).wait().status is not GoalStatus.CANCELED
         return min(linear for linear, _ in world.commands[begun:] if linear)
