@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from ament_index_python.packages import get_package_prefix
 
+from flexbt_sim import executables
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time
 
@@ -43,6 +45,19 @@ sys.exit({name}())
 def fork(executable: str, setting: str) -> PythonProcess:
     """An executable with a parameter, where its beginning is not the subject."""
     return python_process(['-c', PROGRAM.format(name=executable), '--ros-args', '-p', setting], PREPARED)
+
+
+@pytest.mark.parametrize('name', ['simulator', 'navigation', 'simulation'])
+def test_a_thread_that_computes_lets_others_go_on_after_a_millisecond(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, before = [], sys.getswitchinterval()
+    monkeypatch.setattr(executables, 'run_main', lambda _module: found.append(sys.getswitchinterval()))
+    try:
+        getattr(executables, name)()
+    finally:
+        sys.setswitchinterval(before)
+    assert found == pytest.approx([0.001])
 
 
 BROKEN = """
