@@ -1245,6 +1245,44 @@ def test_a_robot_is_found_by_its_name_and_the_most_urgent_by_one_key() -> None:
     on_screen(robots.robots['/robot00'], steps, robots=robots)
 
 
+def test_that_the_executive_was_restarted_is_told_once_and_of_the_robot_that_is_shown() -> None:
+    robots = FakeRobots(2)
+    own = robots.robots['/robot00']
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        def told() -> int:
+            return sum('the executive was restarted' in line for line in app._panes.log.told)
+
+        await seen(own, pilot)
+        assert told() == 0
+        own.show(executive_id='another', state=ExecutiveState.IDLE, active_states=(), run_id='')
+        for _ in range(3):
+            own.show()
+            await seen(own, pilot)
+            assert told() == 1 and 'the executive was restarted' in text_of(app)
+        app.switch('/robot01')  # whose executive has another identifier
+        await seen(own, pilot)
+        assert told() == 0
+
+    on_screen(own, steps, robots=robots)
+
+
+def test_the_footer_has_in_bold_what_can_be_done_now() -> None:
+    robot = Robot()
+    mirror = robot.mirror
+
+    def bold(operator: str) -> set[str]:
+        text = keys_text(mirror.view(), 300, operator)
+        return {text.plain[span.start : span.end].strip() for span in text.spans if span.style == 'bold'}
+
+    assert {'p', 'f', '! F8', ':'} <= bold('ann')
+    robot.show(authority='bob')
+    assert {'p', 'f', '! F8', ':'} <= bold('bob') and not {'p', 'f', '+ -'} & bold('ann')
+    assert {'! F8', 'c', ':'} <= bold('ann')
+    robot.clock.advance(60.0)
+    assert not {'p', 'f', '+ -'} & bold('bob') and '! F8' in bold('bob')
+
+
 HOSTILE = (
     *('\x1b[2Jx', '\x9b31m', 'a\r\nb', '[red]loud[/red]', '[/]', '[@click=app.quit]x[/]', '\u202eabc', '\u200b'),
     *('\u0300' * 9, '厨房', '👩\u200d👩\u200d👧', '❤\ufe0f', 'שלום', 'ﷺ', 'x' * 10_000, '厨' * 500, '', ' ', '/', '//'),

@@ -236,6 +236,16 @@ def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
     with_page(robot, look)
 
 
+def test_that_the_executive_was_restarted_is_told() -> None:
+    robot = WebRobot()
+
+    async def look(opened: Page) -> None:
+        robot.show(executive_id='another', state=ExecutiveState.IDLE, active_states=(), run_id='')
+        await opened.until(lambda: any('the executive was restarted' in one for one in opened.told))
+
+    with_page(robot, look)
+
+
 def test_an_answer_reaches_its_own_decision_alone() -> None:
     robot = WebRobot()
     robot.show(PLAN)

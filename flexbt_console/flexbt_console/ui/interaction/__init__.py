@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from .attention import Attention
 from .carrying_out import Later, Reading, Station, carry_out
 from .keys import KEYS, Key, help_lines
+from .restarts import Restarts
 from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
 from .shown_decision import REACTION_SECONDS, ShownDecision
@@ -26,6 +27,7 @@ __all__ = [
     'NoLiveLinkError',
     'OnSignal',
     'Reading',
+    'Restarts',
     'SentCommands',
     'ShownDecision',
     'Station',

@@ -25,6 +25,7 @@ Written = Callable[[View, str | None], list[str]]
 class Key:
     """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
 
+    ``sends``: it gives a command that needs a live link, and the authority where somebody has it.
     ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
     it now.
     """
@@ -38,6 +39,13 @@ class Key:
     lines: Written | None = None
     rank: int = 1
     needs: Callable[[View, str | None], bool] = lambda view, operator: False
+    sends: bool = False
+
+    def can_be_used(self, view: View, operator: str | None) -> bool:
+        """Whether it has an effect now, as far as is known; what is pressed all the same says why it has none."""
+        snapshot = view.snapshot
+        is_held = snapshot is not None and snapshot.authority not in ('', operator)
+        return not self.blocked(view) and not (self.sends and (is_held or not view.live))
 
 
 def _runs(view: View) -> str:
@@ -126,7 +134,15 @@ def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
 
 
 _OF_DECISION: Final = (
-    Key(('enter',), 'Enter', 'confirm', 'send the answer in brackets to the decision on the screen', 'confirm', _waits),
+    Key(
+        ('enter',),
+        'Enter',
+        'confirm',
+        'send the answer in brackets to the decision on the screen',
+        'confirm',
+        _waits,
+        sends=True,
+    ),
     Key(tuple('0123456789'), '0-9', 'pick', 'pick an answer, by 0 from a list; Enter sends it', 'pick', _has_choices),
     Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
     Key(
@@ -148,6 +164,7 @@ _OF_DECISION: Final = (
         _wants_value,
         _line('decline'),
         rank=3,
+        sends=True,
     ),
 )
 
@@ -160,8 +177,17 @@ _OF_RUN: Final = (
         'stop',
         lines=_line('stop'),
     ),
-    Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs, _pause),
-    Key(('f',), 'f', 'force', 'leave an active state by an outcome of your choice', 'force', _is_active, rank=2),
+    Key(('p',), 'p', 'pause', 'pause the run, or go on with it', 'pause', _runs, _pause, sends=True),
+    Key(
+        ('f',),
+        'f',
+        'force',
+        'leave an active state by an outcome of your choice',
+        'force',
+        _is_active,
+        rank=2,
+        sends=True,
+    ),
     Key(
         ('plus',),
         '+ -',
@@ -170,6 +196,7 @@ _OF_RUN: Final = (
         'more_autonomy',
         lines=_autonomy(1),
         rank=2,
+        sends=True,
     ),
     Key(
         ('minus',),
@@ -179,9 +206,19 @@ _OF_RUN: Final = (
         'less_autonomy',
         lines=_autonomy(-1),
         rank=3,
+        sends=True,
     ),
-    Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle),
-    Key(('w',), 'w', 'switch', 'go on with another behavior, keeping the active states', 'switch', _runs, rank=3),
+    Key(('s',), 's', 'start', 'start a behavior', 'start', _is_idle, sends=True),
+    Key(
+        ('w',),
+        'w',
+        'switch',
+        'go on with another behavior, keeping the active states',
+        'switch',
+        _runs,
+        rank=3,
+        sends=True,
+    ),
     Key(
         ('l',),
         'l',
@@ -191,6 +228,7 @@ _OF_RUN: Final = (
         _is_lockable,
         _lock,
         rank=3,
+        sends=True,
     ),
     Key(
         ('b',),
@@ -201,8 +239,19 @@ _OF_RUN: Final = (
         _is_active,
         _breakpoint,
         rank=3,
+        sends=True,
     ),
-    Key(('r',), 'r', 'repeat', 'leave the active state and enter it again', 'repeat', _is_active, _repeat, rank=3),
+    Key(
+        ('r',),
+        'r',
+        'repeat',
+        'leave the active state and enter it again',
+        'repeat',
+        _is_active,
+        _repeat,
+        rank=3,
+        sends=True,
+    ),
     Key(
         ('c',),
         'c',

@@ -32,6 +32,7 @@ from flexbt_console.ui.interaction import (
     Local,
     Meaning,
     Reading,
+    Restarts,
     SentCommands,
     Station,
     carry_out,
@@ -173,6 +174,7 @@ class OperatorScreen(OrderedApp):
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
         self._sent = SentCommands(clock)
+        self._restarts = Restarts()
         self._is_planned = False
         self._drawn_at = -math.inf
         self._drawn: View | None = None
@@ -269,7 +271,7 @@ class OperatorScreen(OrderedApp):
 
     def _draw(self, view: View) -> None:
         self._drawn = _timeless(view)
-        for told in self._sent.updates():
+        for told in (self._restarts.told(view), *self._sent.updates()):
             self.tell(told)
         self._panes.picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []
@@ -361,6 +363,7 @@ class OperatorScreen(OrderedApp):
         assert self._replay is not None
         if self._station.mirror is not (mirror := self._replay.player.mirror):  # it went back: what was told since then
             self._station = replace(self._station, mirror=mirror)  # is not told yet
+            self._restarts = Restarts()
             self._panes.log.moved()
         self.draw()
 
@@ -512,6 +515,7 @@ class OperatorScreen(OrderedApp):
         self._station = replace(self._station, mirror=mirror, link=link)
         self._robot = name
         self._turned_to = ''
+        self._restarts = Restarts()
         self._panes.moved()
         self._follow(mirror)
         self.tell([f'this is {one_line(name)}'])

@@ -18,7 +18,7 @@ from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import Command, Fleet, RobotOverview
 from flexbt_console.present import encode_json, tone_of
-from flexbt_console.ui.interaction import SentCommands
+from flexbt_console.ui.interaction import Restarts, SentCommands
 from flexbt_core.clock import SteadyClock
 from flexbt_core.values import lines, one_line
 
@@ -65,6 +65,7 @@ class PageLink:
         self._map: object = None
         self._run: str | None = None
         self._sent = SentCommands(SteadyClock())
+        self._restarts = Restarts()
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
         self._left: Future[None] = Future()
@@ -163,7 +164,9 @@ class PageLink:
                 if len(self._drawn) > DRAWINGS_KEPT:
                     del self._drawn[next(iter(self._drawn))]
                 self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
-        await self._settle()
+        for told in (self._restarts.told(view), *self._sent.updates()):
+            if told:
+                await self._tell(told, tone_of(told[0]).name.lower())
 
     async def _draw(self, key: str, made: asyncio.Task[str]) -> None:
         try:
@@ -172,11 +175,6 @@ class PageLink:
             await self._send({'drawing': {'key': key, 'problem': one_line(str(error))}})
         else:
             await self._send({'drawing': {'key': key, 'svg': picture}})
-
-    async def _settle(self) -> None:
-        """Tell what became of the commands of this page."""
-        for told in self._sent.updates():
-            await self._tell(told, tone_of(told[0]).name.lower())
 
     async def _tell(self, text: list[str], tone: str) -> None:
         await self._send({'told': {'text': '\n'.join(text), 'tone': tone}})

@@ -90,7 +90,7 @@ def keys_text(view: View, columns: int, operator: str | None, focused: str = '')
     room = columns - len(head)
     chosen: set[str] = set()
     ranks = {key: 0 if key.needs(view, operator) else key.rank for key in KEYS}
-    for key in sorted(KEYS, key=lambda one: (bool(one.blocked(view)), ranks[one])):
+    for key in sorted(KEYS, key=lambda one: (not one.can_be_used(view, operator), ranks[one])):
         needed = len(key.shown) + len(key.label) + 3
         if ranks[key] < 3 and needed <= room:
             chosen.add(key.action)
@@ -98,7 +98,7 @@ def keys_text(view: View, columns: int, operator: str | None, focused: str = '')
     text = Text(head, no_wrap=True, end='')
     for key in KEYS:
         if key.action in chosen:
-            is_blocked = bool(key.blocked(view))
-            text.append(f'{key.shown} ', 'dim' if is_blocked else 'bold')
-            text.append(f'{key.label}  ', 'dim' if is_blocked else '')
+            is_usable = key.can_be_used(view, operator)
+            text.append(f'{key.shown} ', 'bold' if is_usable else 'dim')
+            text.append(f'{key.label}  ', '' if is_usable else 'dim')
     return text
