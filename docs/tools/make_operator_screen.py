@@ -47,7 +47,7 @@ def operate() -> str:
     try:
         wait_for(r'Where shall the robot go\?')
         tmux('send-keys', ':')
-        wait_for('a command; Tab completes')
+        wait_for('Tab completes, Esc leaves')
         tmux('send-keys', 'kitchen', 'Enter')
         wait_for(r'Is the path good\?')
         time.sleep(1.0)  # a key that comes at once is not taken for an answer
