@@ -116,8 +116,13 @@ EXECUTOR: Final = Use(
     'written a message: floods of commands are not told from those of operators, nor names that others use',
 )
 ACTION_CLIENT: Final = Use(
-    (Part(ActionClient, '_is_result_response_ready'), Part(ActionClient, '_is_status_ready')),
-    'lists of goals are unpacked twice, and before the results that come with them',
+    (
+        Part(ActionClient, '_is_result_response_ready'),
+        Part(ActionClient, '_is_status_ready'),
+        Part(ActionClient, '_goal_handles'),
+    ),
+    'lists of goals are unpacked twice, and before the results that come with them; identifiers of goals whose end no '
+    'list has told are kept for ever',
 )
 ACTION_SERVER: Final = Use(
     (
@@ -306,6 +311,9 @@ class OpenActionClient(ActionClient):
     """An action client that passes the server's list of goals on, also of goals whose acceptance it does not know.
 
     The list waits while there is a result: to unpack it takes longer than all the rest. ACTION_CLIENT is to be usable.
+
+    rclpy forgets a goal when a list tells its end. A list that tells it may be replaced by the next one, which does not
+    have the goal any more: what has no handle is forgotten with the next goal.
     """
 
     on_list: Callable[[Any], None]
@@ -317,6 +325,9 @@ class OpenActionClient(ActionClient):
 
     async def execute(self, taken_data: Any) -> None:
         await super().execute(taken_data)
+        if 'goal' in taken_data:
+            for goal_id in [goal_id for goal_id, handle in self._goal_handles.items() if handle() is None]:
+                del self._goal_handles[goal_id]
         if 'status' in taken_data:
             self.on_list(taken_data['status'])
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import queue
 import random
 import threading
 import uuid
@@ -31,7 +32,7 @@ from flexbt_common.calls import (
     goal_servers,
 )
 from flexbt_common.names import deep_action_services
-from flexbt_common.runtime import ACTION_SERVER, NodeRuntime, is_usable
+from flexbt_common.runtime import ACTION_CLIENT, ACTION_SERVER, NodeRuntime, OpenActionClient, is_usable
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 ours = pytest.mark.skipif(
@@ -122,6 +123,26 @@ def client(served: Served) -> Iterator[Client]:
 
 def result(text: str) -> Any:
     return Wait.Result(error_msg=text)
+
+
+@pytest.mark.skipif(not is_usable(ACTION_CLIENT), reason='rclpy as it is keeps those whose end it has not heard of')
+def test_a_client_does_not_remember_the_goals_that_have_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = OpenActionClient.take_data
+
+    def without_list(client: Any) -> Any:  # which the next one has replaced
+        data = heard(client)
+        data.pop('status', None)
+        return data
+
+    monkeypatch.setattr(OpenActionClient, 'take_data', without_list)
+    served.on_goal = lambda goal: goal.succeed(result(''))
+    with NodeRuntime.open('client') as runtime:
+        link = ActionLinks(runtime).link(Wait, 'wait')
+        for _ in range(30):
+            outcomes: queue.Queue[GoalOutcome] = queue.Queue()
+            ActionCall(link, Wait.Goal(), on_done=outcomes.put, server_timeout=DEADLINE, accept_timeout=DEADLINE)
+            assert outcomes.get(timeout=DEADLINE).status is GoalStatus.SUCCEEDED
+        assert runtime.call(lambda: len(link.client._goal_handles)) <= 2
 
 
 @ours

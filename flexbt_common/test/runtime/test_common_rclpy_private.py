@@ -34,7 +34,7 @@ USES = {
 }
 PARTS = {name: tuple(part for part in use.parts if part.name.startswith('_')) for name, use in USES.items()}
 """Those of Python; the others are members of compiled classes."""
-OF_SEVERAL_CLASSES = ('_handle', '_lock')
+OF_SEVERAL_CLASSES = ('_handle', '_lock', '_goal_handles')
 """Names that other classes have, too."""
 
 
