@@ -900,6 +900,7 @@ def test_an_idle_screen_draws_nothing() -> None:
         for _ in range(20):
             robot.show()  # heartbeats
             await seen(robot, pilot)
+            assert not app._is_planned  # a drawing has no other one follow it
         assert updates == []
 
     on_screen(robot, steps)

@@ -271,7 +271,7 @@ class OperatorScreen(OrderedApp):
 
     def _draw(self, view: View) -> None:
         self._drawn = _timeless(view)
-        for told in (self._restarts.told(view), *self._sent.updates()):
+        for told in filter(None, (self._restarts.told(view), *self._sent.updates())):
             self.tell(told)
         self._panes.picking.drawn(view)
         self._overview = self._robots.fleet.overview() if self._robots is not None else []
