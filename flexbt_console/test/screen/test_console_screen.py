@@ -466,6 +466,22 @@ def test_a_behavior_is_started_by_its_form() -> None:
     on_screen(robot, steps)
 
 
+def test_a_form_takes_only_what_its_types_can_be() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    types = {'count': ('int', '3'), 'speed': ('float', ''), 'careful': ('bool', 'false'), 'name': ('string', '')}
+    parameters = tuple(BehaviorParameter(name, *given) for name, given in types.items())
+    robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('s', 'enter', *'a1.5x', 'tab', *'x-1.5e-3z', 'tab', 'enter', 'down', 'enter', 'tab', *'a 1')
+        await pilot.press('ctrl+s')
+        (start,) = robot.link.sent
+        assert dict(start.arguments) == {'count': '15', 'speed': '-1.5e-3', 'careful': 'true', 'name': 'a 1'}
+
+    on_screen(robot, steps)
+
+
 def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
     robot = Robot()
 

@@ -31,6 +31,12 @@ from .panes import Pane, styled
 MOST_ROWS: Final = 100
 """Of one line."""
 
+CHOICES: Final = {'bool': ('false', 'true')}
+"""The values of a type that has few."""
+
+RESTRICTED: Final = {'int': r'[+-]?\d*', 'float': r'[+-]?(\d*\.?\d*([eE][+-]?\d*)?|i?n?f?|n?a?n?)'}
+"""What may be typed of a type, as far as it has come."""
+
 
 class ChoiceList(ModalScreen[int | None]):
     """A list; gives the number of the line that was chosen, from 0 on, or None."""
@@ -124,13 +130,14 @@ class StartForm(ModalScreen[str | None]):
             for number, parameter in enumerate(self._behavior.parameters):
                 told = f'{one_line(parameter.name)} ({one_line(parameter.type)})  {one_line(parameter.description)}'
                 yield Label(Text(told))
-                if parameter.choices:
-                    choices = [(one_line(choice), choice) for choice in parameter.choices]
-                    known = parameter.default in parameter.choices
-                    first = parameter.default if known else parameter.choices[0]
+                texts = parameter.choices or CHOICES.get(parameter.type, ())
+                if texts:
+                    first = parameter.default if parameter.default in texts else texts[0]
+                    choices = [(one_line(text), text) for text in texts]
                     yield Select(choices, value=first, allow_blank=False, id=f'parameter-{number}')
                 else:
-                    yield Input(parameter.default, id=f'parameter-{number}')
+                    restricted = RESTRICTED.get(parameter.type)
+                    yield Input(parameter.default, id=f'parameter-{number}', restrict=restricted)
             yield Label(Text(f'Enter or Ctrl-S: {self._verb}; Tab: the next field; Esc leaves'), classes='dim')
 
     def on_mount(self) -> None:
