@@ -116,7 +116,7 @@ class OperatorScreen(OrderedApp):
     .dim {{ text-style: dim; }}
     .ascii #map {{ border-left: ascii $primary-darken-2; }}
     .ascii #decision, .ascii #log {{ border-top: ascii $primary-darken-2; }}
-    .ascii .dialog, .ascii OptionList, .ascii .dialog Input, .ascii SelectCurrent,
+    .ascii .dialog, .ascii .dialog Input, .ascii SelectCurrent,
     .ascii SelectOverlay {{ border: ascii $primary; }}
     .ascii .dialog, .ascii OptionList {{ scrollbar-size: 0 0; }}
     .ascii SelectCurrent .arrow {{ display: none; }}
