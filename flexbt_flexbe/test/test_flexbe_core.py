@@ -200,7 +200,8 @@ class TestContainers:
         )
         assert going.wait() == 'finished'
         for label, rate in rates.items():
-            assert 9.9 / rate <= times[label][-1] - times[label][0] < 30 / rate
+            assert 9.9 / rate <= times[label][-1] - times[label][0]
+        assert times['main'][-1] < times['side'][-1], 'the slower one does not hold up the faster one'
 
     def test_every_child_waits_for_the_operator_where_its_autonomy_says_so(self, bench: StateBench) -> None:
         """In FlexBE 2.x only the first child does."""
