@@ -25,6 +25,7 @@ from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
 from flexbt_common.transforms import BROADCASTERS, Rigid, TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import Mirror, Points, Pose
+from flexbt_core.clock import Clock
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import one_line
 
@@ -72,6 +73,39 @@ class _Shown(NamedTuple):
     points: Points
 
 
+class _Stand:
+    """For how long a robot has been where it is, as far as its statuses tell."""
+
+    def __init__(self, mirror: Mirror, clock: Clock) -> None:
+        self._mirror = mirror
+        self._clock = clock
+        self._pose: Pose | None = None
+        self._since = 0.0
+
+    def start_over(self) -> None:
+        """It may have moved."""
+        self._pose = None
+
+    def seconds(self) -> float:
+        """Since the first call that found it where it is; 0.0 for that one, and while nothing is told."""
+        now = self._clock.now()
+        if not self._is_there():
+            self._pose, self._since = self._told(), now
+        return now - self._since
+
+    def is_over(self) -> bool:
+        """Whether it has stood, and is not known to be there any more."""
+        return self._pose is not None and not self._is_there()
+
+    def _is_there(self) -> bool:
+        pose = self._told()
+        return pose is not None and self._pose is not None and _is_near(pose, self._pose)
+
+    def _told(self) -> Pose | None:
+        view = self._mirror.view()
+        return view.snapshot.robot_pose if view.live and view.snapshot is not None else None
+
+
 class ScanLink:
     """Feeds a mirror with a scan each ``period`` seconds; while it is the same twice that, and four times that while no
     behavior runs and the robot stands. On the executor thread.
@@ -97,8 +131,7 @@ class ScanLink:
         self._expires_at = math.inf
         self._shown: _Shown | None = None
         self._is_same = False
-        self._stood: Pose | None = None
-        self._stands_since = -math.inf
+        self._stand = _Stand(mirror, runtime.steady)
         self._topic = names.of_robot(namespace, names.SCAN)
         fixed = functools.partial(self._on_transforms, is_static=True)
         self._subscriptions = [
@@ -153,7 +186,7 @@ class ScanLink:
     @property
     def _pause(self) -> float:
         """From the last look to the next, s."""
-        if not self._is_same or (self._stood is not None and not self._is_where_it_stood()):
+        if not self._is_same or self._stand.is_over():
             return self._period
         return self._period * (2.0 if self._mirror.view().running else 4.0)
 
@@ -168,8 +201,9 @@ class ScanLink:
                 self._tell(f'left aside: {error}')
                 return
             if self._moving is None:
-                if self._shown is not None and self._stands() and _is_same(self._shown.ranges, _ranges(scan)):
-                    self._show(self._shown)
+                shown = self._shown
+                if shown is not None and self._stand.seconds() > 0.0 and _is_same(shown.ranges, _ranges(scan)):
+                    self._show(shown)
                     return
                 self._hear_transforms()
             self._scan = scan
@@ -189,7 +223,7 @@ class ScanLink:
                 self._is_same = _is_same(shown.ranges, ranges)
             if shown is None or not self._is_same:
                 shown = self._shown = _Shown(ranges, where, points_of(scan, where))
-                self._stood = None
+                self._stand.start_over()
         except (TransformError, ValueError) as error:
             if now < self._expires_at:
                 if not (isinstance(error, TransformError) and error.is_early):
@@ -199,7 +233,7 @@ class ScanLink:
             self._is_same = False
             self._rest()
             return
-        if self._stands() and now - self._stands_since >= STAND_SECONDS:
+        if self._stand.seconds() >= STAND_SECONDS:
             self._runtime.post(self._ignore_transforms)
         self._show(shown)
 
@@ -207,22 +241,6 @@ class ScanLink:
         held = max(SCAN_SECONDS, 3.0 * self._period, (1.0 + TOLERANCE) * self._pause + self._period)
         self._mirror.receive_scan(shown.points, held)
         self._rest()
-
-    def _stands(self) -> bool:
-        """Whether the robot is where it was, as far as its statuses tell, since what is shown is shown; if not, it may
-        be from now on."""
-        if self._is_where_it_stood():
-            return True
-        self._stood, self._stands_since = self._pose(), self._runtime.steady.now()
-        return False
-
-    def _is_where_it_stood(self) -> bool:
-        pose = self._pose()
-        return pose is not None and self._stood is not None and _is_near(pose, self._stood)
-
-    def _pose(self) -> Pose | None:
-        view = self._mirror.view()
-        return view.snapshot.robot_pose if view.live and view.snapshot is not None else None
 
     def _rest(self) -> None:
         self._scan, self._expires_at = None, math.inf
