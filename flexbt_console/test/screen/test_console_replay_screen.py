@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import random
 from pathlib import Path
 from typing import Any
@@ -134,7 +135,10 @@ def text_of(app: OperatorScreen) -> str:
     return '\n'.join(''.join(segment.text for segment in line) for line in app.screen._compositor.render_strips())
 
 
-def test_a_recording_is_played_stepped_searched_and_takes_no_command(tmp_path: Path) -> None:
+def test_a_recording_is_played_stepped_searched_and_takes_no_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('flexbt_console.ui.screen.panes.replay_bar.PATIENCE', math.inf)  # however slow the machine is
     clock = ManualClock()
     bar = ReplayBar(RunPlayer(recording(tmp_path / 'run.mcap')), clock)
 
