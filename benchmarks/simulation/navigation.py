@@ -101,9 +101,8 @@ class Places:
             return Pose(1e4, 0.0, 0.0), 'GOAL_OUTSIDE_MAP'
         if number % 3 == 1:
             return self._pose(self._occupied), 'GOAL_OCCUPIED'
-        while self._costmap.in_collision(found := self._pose(self._closed)):  # only another heading fits there
-            pass
-        return found, 'NO_VALID_PATH'
+        found = self._pose(self._closed)
+        return found, 'GOAL_OCCUPIED' if self._costmap.in_collision(found) else 'NO_VALID_PATH'
 
 
 @dataclass

@@ -42,7 +42,8 @@ class _Timed:
 
 def _kept_apart(apart: KeepingApart, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity:
     """Raises NavigationError COLLISION_AHEAD when something that may move is too near."""
-    limited = apart.limited(costmap, pose, velocity, now)
+    apart.look(costmap, pose, now)
+    limited = apart.limited(costmap, pose, velocity)
     if limited is None:
         raise NavigationError('COLLISION_AHEAD', 'something that may move is beside the robot')
     return limited

@@ -37,6 +37,12 @@ SAME_GAP: Final = 1e-6
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
+COMPANY_TIME: Final = 3.0
+"""For how long, s, after it has moved last something counts as somebody who goes about."""
+
+PERSONAL_SPACE: Final = 0.3
+"""How near to somebody who is in its way, m, a robot stays if it can get away from them."""
+
 
 class Velocity(NamedTuple):
     """m/s and rad/s."""
@@ -86,7 +92,7 @@ class TurnLimits:
 def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -> bool:
     """Whether driving on like this for some time ends in an obstacle, or beside the map.
 
-    Moving away from one that the robot overlaps already is no collision, and neither is a circle's turn on the spot.
+    Getting no deeper into one that the robot overlaps already is none, and neither is a circle's turn on the spot.
     """
     inflation = costmap.inflation
     if velocity.linear == 0.0 and not inflation.corners:
@@ -104,7 +110,7 @@ def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -
         if not world.contains(*world.cell(ahead.x, ahead.y)):
             return True
         before, overlap = overlap, costmap.overlap(ahead)
-        if overlap > 0.0 and overlap >= (costmap.overlap(pose) if before is None else before):
+        if overlap > 0.0 and overlap > (costmap.overlap(pose) if before is None else before):
             return True
     return False
 
@@ -126,24 +132,56 @@ class KeepingApart:
     def __init__(self, top_speed: float) -> None:
         self._reach = SIDE_GAP + SIDE_TIME * (top_speed + FASTEST)
         self._sights: deque[Sight] = deque()
+        self._here = math.inf
+        self._pace = self._closing = 0.0
+        self._seen_moving = -math.inf
 
-    def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity, now: float) -> Velocity | None:
+    def look(self, costmap: Costmap, pose: Pose, now: float) -> None:
+        """See what is near at a pose and a time, s: at each step, before anything else is asked."""
+        sights, reach = self._sights, self._reach
+        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
+            sights.popleft()
+        self._here = costmap.gap_seen(pose, reach)
+        sights.append(Sight(now, pose, self._here))
+        # How the gap to where the robot was a moment ago has changed: by a motion that is not the robot's.
+        then = sights[0]
+        there = costmap.gap_seen(then.pose, reach) if self._here < math.inf else then.gap
+        nearer = min(reach, then.gap) - min(reach, there)
+        change = min(FASTEST, max(0.0, abs(nearer) - costmap.world.resolution) / SIDE_TIME)
+        if now - self._seen_moving > COMPANY_TIME:
+            self._pace = 0.0
+        if change > 0.0 and max(then.gap, there) < math.inf:  # what is there all at once, or gone, may be noise
+            self._pace, self._seen_moving = max(change, self._pace), now
+        self._closing = max(self._pace, change if nearer > 0.0 else 0.0)
+
+    def has_company(self, now: float) -> bool:
+        """Whether something near has moved lately, or touches the robot, which goes so near to nothing."""
+        return self._here < 0.0 or now - self._seen_moving <= COMPANY_TIME
+
+    def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
+        """Whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
+        swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
+        return self._here < PERSONAL_SPACE and all(
+            costmap.gap_seen(drive(pose, *velocity, time), self._reach) >= self._here + AWAY * swing * time - SAME_GAP
+            for time in (SIDE_TIME / 2.0, SIDE_TIME)
+        )
+
+    def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> Velocity | None:
         """Slower on the same arc where the robot comes nearer to something that may move; None when it is so near that
         the robot would go at less than ``SLOWEST``.
 
-        For what comes nearer by itself the robot stops earlier, by as much as that may move until the robot stands,
-        and waits.
+        For what has moved lately the robot stops earlier, by as much as that may move until the robot stands, and
+        waits.
         """
         inflation = costmap.inflation
-        here = costmap.gap_seen(pose, self._reach)
-        closing = self._closing_speed(costmap, pose, here, now)
+        here, closing = self._here, self._closing
         swing = abs(velocity.angular) * inflation.outer_radius if inflation.corners else 0.0
         speed = abs(velocity.linear) + swing
         if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
         escape = max(closing, AWAY * (speed if here < 0.0 else swing))
         # Who runs away has to do so for longer: after a corner that swings away there comes another one.
-        times = (SIDE_TIME / 2.0, SIDE_TIME) if closing else (SIDE_TIME / 2.0,)
+        times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)
         gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
         if all(gap >= here + escape * time - SAME_GAP for gap, time in zip(gaps, times, strict=True)):
             return velocity
@@ -152,15 +190,3 @@ class KeepingApart:
             share = min(1.0, allowed / speed)
             return Velocity(velocity.linear * share, velocity.angular * share)
         return STOP if closing > 0.0 else None
-
-    def _closing_speed(self, costmap: Costmap, pose: Pose, here: float, now: float) -> float:
-        """How fast, m/s, what was seen has come nearer to where the robot was a moment ago: by its own motion."""
-        sights = self._sights
-        while sights and now - sights[0].time > SIDE_TIME + 1e-6:
-            sights.popleft()
-        sights.append(Sight(now, pose, min(here, self._reach)))
-        if here == math.inf:
-            return 0.0
-        then = sights[0]
-        nearer = then.gap - min(self._reach, costmap.gap_seen(then.pose, self._reach))
-        return min(FASTEST, max(0.0, nearer - costmap.world.resolution) / SIDE_TIME)

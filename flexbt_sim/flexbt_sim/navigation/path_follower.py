@@ -16,9 +16,9 @@ import numpy
 
 from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import DriveModel, Pose, compose, wrap
+from flexbt_sim.world import DriveModel, Pose, compose, drive, wrap
 
-from .motions import STOP, KeepingApart, Steering, TurnLimits, Velocity, collides
+from .motions import PERSONAL_SPACE, STOP, KeepingApart, Steering, TurnLimits, Velocity, collides
 from .track import Leg, Track, drivable_legs
 
 SEARCH_DISTANCE: Final = 1.5
@@ -34,6 +34,9 @@ controller."""
 END_OF_LEG: Final = 0.02
 """Distance, m, from where a car changes direction, or from the end, at which it is there; and from the goal, at which
 another robot is, unless its tolerance is less, when its last turn would collide farther off."""
+
+ASIDE: Final = tuple(math.tau * part / 8.0 for part in range(8))
+"""Directions in the map, rad, in which a robot may give way. They do not turn with it, or it would turn to and fro."""
 
 STILL: Final = Pose(0.0, 0.0, 0.0)
 
@@ -228,6 +231,7 @@ class PathFollower:
         """
         limits = self._limits
         self._move(self._drift())
+        self._apart.look(self._costmap, pose, now)
         self._at = self._nearest(pose)
         if self._is_close and len(self._legs) > 1 and self._track.length - self._at <= END_OF_LEG:
             del self._legs[0]
@@ -271,6 +275,8 @@ class PathFollower:
             )
         else:
             velocity = self._pursue(pose, now)
+        if velocity is None and self._apart.has_company(now):
+            velocity = self._give_way(pose)
         if velocity is None:
             velocity = self._wait_for_way(now)
         else:
@@ -286,7 +292,7 @@ class PathFollower:
             seconds = min(self._limits.collision_time, seconds)
         if collides(self._costmap, pose, turn, seconds):
             return None
-        return self._apart.limited(self._costmap, pose, turn, now)
+        return self._apart.limited(self._costmap, pose, turn)
 
     def _move(self, drifted: Pose) -> None:
         if drifted != self._drifted:
@@ -335,7 +341,7 @@ class PathFollower:
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
             velocity = self._towards(pose, carrot)
             if not self._is_blocked(pose, carrot, velocity):
-                return self._apart.limited(self._costmap, pose, velocity, now)
+                return self._apart.limited(self._costmap, pose, velocity)
             if not self._is_free_until(end):
                 return None
             reach /= 2.0
@@ -352,16 +358,13 @@ class PathFollower:
         heading = track.heading(track.length)
         x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
         carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
-        facing = Pose(pose.x, pose.y, wrap(pose.yaw + math.pi)) if backward else pose
-        velocity = self._towards(facing, carrot)
-        if backward:
-            velocity = Velocity(-velocity.linear, velocity.angular)
+        velocity = self._led(pose, carrot, backward)
         while collides(self._costmap, pose, velocity, limits.collision_time):
             if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
                 return None
             share = max(0.5, limits.approach_speed / abs(velocity.linear))
             velocity = Velocity(velocity.linear * share, velocity.angular * share)
-        return self._apart.limited(self._costmap, pose, velocity, now)
+        return self._apart.limited(self._costmap, pose, velocity)
 
     def _is_free_until(self, end: float) -> bool:
         """Whether the path itself is free for so far, m from its beginning."""
@@ -369,6 +372,13 @@ class PathFollower:
         places = numpy.arange(self._at, min(end, track.length), self._costmap.world.resolution)
         poses = (Pose(*track.point(at), track.heading(at) + turn) for at in places)
         return not any(map(self._costmap.in_collision, poses))
+
+    def _led(self, pose: Pose, carrot: Pose, backward: bool) -> Velocity:
+        """Towards a point, with the front or with the back."""
+        if not backward:
+            return self._towards(pose, carrot)
+        velocity = self._towards(pose._replace(yaw=wrap(pose.yaw + math.pi)), carrot)
+        return Velocity(-velocity.linear, velocity.angular)
 
     def _towards(self, pose: Pose, carrot: Pose) -> Velocity:
         limits = self._limits
@@ -405,6 +415,20 @@ class PathFollower:
             velocity = Velocity(self._limits.speed, 0.0)
         seconds = min(self._limits.collision_time, pose.distance(carrot) / velocity.linear)
         return collides(self._costmap, pose, velocity, seconds)
+
+    def _give_way(self, pose: Pose) -> Velocity:
+        """To somebody who is in the way: to where the gap to them grows most, if that leads away from them, or wait."""
+        costmap = self._costmap
+        ways = (pose.yaw, pose.yaw + math.pi, *ASIDE)
+        places = [drive(pose._replace(yaw=way), PERSONAL_SPACE, 0.0, 1.0)._replace(yaw=pose.yaw) for way in ways]
+        free = [place for place in places if not costmap.in_collision(place)]
+        for place in sorted(free, key=lambda place: costmap.gap_seen(place, 2.0 * PERSONAL_SPACE), reverse=True):
+            velocity = self._led(pose, place, abs(pose.bearing(place.x, place.y)) > math.pi / 2.0)
+            is_free = not collides(costmap, pose, velocity, self._limits.collision_time)
+            if is_free and self._apart.leaves(costmap, pose, velocity):
+                self._at_goal = False
+                return velocity
+        return STOP
 
     def _wait_for_way(self, now: float) -> Velocity:
         patience = self._limits.patience

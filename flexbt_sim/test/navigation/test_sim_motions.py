@@ -260,6 +260,14 @@ def test_a_box_does_not_creep_with_a_corner_towards_what_rests() -> None:
     assert done.robot.pose.yaw > 0.1
 
 
+def test_a_box_can_back_away_from_what_stands_against_it() -> None:
+    """What was seen overlaps it by cells: it touches as many of them until it has moved by one."""
+    here = Pose(3.0, 3.0, 0.0)
+    done = run(OPEN, here, DriveMotion(-0.3, -0.15, 0.0, seen_from(here, Inflation.of(box(0.6, 0.4)), 0.275, 0.0)))
+    assert done.code == ''
+    assert 0.3 <= here.distance(done.robot.pose) < 0.35
+
+
 def seen_from(here: Pose, inflation: Inflation, ahead: float, beside: float) -> Costmap:
     """The open map, with a point that was seen, the middle of a cell."""
     layers = LayeredCostmap(Costmap(OPEN, inflation), window=3.0)

@@ -214,3 +214,17 @@ def test_a_robot_that_turns_on_the_spot_stands_still_when_somebody_walks_into_it
     world.add('person', ObstacleModel(begin, Circle(0.2), route=walk))
     trip = Navigator(world, 'robot').navigate(Pose(4.0, 4.0, -1.88605), timeout=40.0)
     assert trip.contacts == 0
+
+
+def test_a_robot_gives_way_to_somebody_who_comes_through_a_corridor_for_one() -> None:
+    """They go to and fro, and never give way: they would stand before it for ever."""
+
+    def corridor(cells: NDArray[numpy.int8]) -> None:
+        cells[:, 50:130] = 100
+        cells[41:59, 50:130] = 0
+
+    world = World(walled(100, 180, 0.05, corridor))
+    world.add('robot', MODELS['waffle'], Pose(0.5, 0.5, 0.0))
+    walk = RouteModel(((6.6, 0.5), (0.3, 0.5), (0.3, -1.0)), speed=0.2, order='back_and_forth')
+    world.add('person', ObstacleModel(Pose(6.8, 1.5, 0.0), Circle(0.2), route=walk))
+    check_reached(world, Navigator(world, 'robot').navigate(Pose(7.0, -0.5, 0.0), timeout=300.0))
