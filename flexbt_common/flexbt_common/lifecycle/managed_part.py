@@ -22,7 +22,7 @@ from .lifecycle_node import OpenLifecycleNode
 
 
 class ManagedPart:
-    """The managed node ``name`` of a process. Made and closed on the executor thread.
+    """The managed node ``name`` of a process. Made and closed on the executor thread; it ends with ``runtime``.
 
     ``on_change`` is called with :attr:`is_active` after each transition that changes it. While it is active and
     ``is_ready`` gives False, those who ask are told that it is activating. The name is relative to the namespace of the
@@ -36,7 +36,6 @@ class ManagedPart:
         on_change: Callable[[bool], object] = lambda _is_active: None,
         is_ready: Callable[[], bool] = lambda: True,
     ) -> None:
-        self._runtime = runtime
         host = runtime.node
         namespace, _, own_name = names.of_robot(host.get_namespace(), name).rpartition('/')
         self._node = _PartNode(
@@ -50,8 +49,8 @@ class ManagedPart:
             start_parameter_services=False,
             parameter_overrides=[Parameter('start_type_description_service', value=False)],
         )
-        host.executor.add_node(self._node)
-        runtime.on_close(self._end)
+        self._executor = host.executor
+        self._executor.add_node(self._node)
 
     @property
     def is_active(self) -> bool:
@@ -60,12 +59,8 @@ class ManagedPart:
 
     def close(self) -> None:
         """Take the node out of the graph."""
-        self._runtime.cancel_on_close(self._end)
-        self._runtime.node.executor.remove_node(self._node)
+        self._executor.remove_node(self._node)
         self._node.destroy_node()
-
-    def _end(self) -> None:
-        self._runtime.call(self.close)
 
 
 class _PartNode(OpenLifecycleNode):

@@ -332,6 +332,7 @@ class NodeRuntime:
         self.steady.close()
         self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
         self._thread.join()
+        further = [node for node in self._executor.get_nodes() if node is not self.node]
         self._executor.shutdown()
         with self._lock:
             for future in self._calls:
@@ -340,7 +341,8 @@ class NodeRuntime:
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()  # the node does not do it, and would stay in the graph with them
         end_callbacks(self.node)
-        self.node.destroy_node()
+        for node in (*further, self.node):
+            node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
     def _close_components(self) -> None:

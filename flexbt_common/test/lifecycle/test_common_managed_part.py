@@ -48,4 +48,6 @@ def test_it_is_a_node_as_long_as_it_is_there() -> None:
         wait_until(lambda: ('amcl', '/robot1/deeper') not in names_and_namespaces(), names_and_namespaces)
         assert ('host', '/robot1') in names_and_namespaces()
         host.call(lambda: ManagedPart(host, 'amcl'))
-    # What is still there ends with the process's own node.
+        wait_until(lambda: ('amcl', '/robot1') in names_and_namespaces(), names_and_namespaces)
+        host.close()
+        wait_until(lambda: not {name for name, _ in names_and_namespaces()} & {'host', 'amcl'}, names_and_namespaces)

@@ -8,6 +8,7 @@ import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -77,6 +78,14 @@ def used(probe: Probe) -> dict[str, set[Right]]:
     return found
 
 
+def services_of_parts(probe: Probe) -> Iterator[list[Any]]:
+    """Of each part what it serves, as far as that is known now."""
+    node = probe.console.node
+    there = dict(node.get_node_names_and_namespaces())
+    for part in (part for parts in interfaces.PARTS.values() for part in parts):
+        yield node.get_service_names_and_types_by_node(part, there[part]) if part in there else []
+
+
 @pytest.fixture
 def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
     """What the nodes have used while a mission was driven."""
@@ -88,6 +97,7 @@ def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
         with silent_console('watch'), silent_console('watch', '--observer'):
             probe.wait_ready()
             probe.wait(lambda: set(NAMES) <= set(used(probe)), 'all nodes in the graph')
+            probe.wait(lambda: all(len(served) == 6 for served in services_of_parts(probe)), 'their parts')
             probe.drive_to(3.8, 1.2)
             rights = used(probe)
             probe.stop()
