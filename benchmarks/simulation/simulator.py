@@ -4,9 +4,9 @@
 Robots with a lidar of 360 beams at 5 Hz drive about in the built-in map (TurtleBot3 waffle, steps of 0.02 s), and
 obstacles walk. A second table is beside IR-SIM, on the same map with the same commands in the same run: steps of 0.1 s
 with a scan of each robot, while this world makes five steps of 0.02 s. IR-SIM is no dependency; it is measured when
-``--irsim`` names the Python of a virtual environment that has it:
+``--irsim``, or IRSIM in the environment, names the Python of a virtual environment that has it:
 
-    python3 -m venv VENV; VENV/bin/pip install ir-sim; simulator.py --irsim VENV/bin/python
+    python3 -m venv VENV; VENV/bin/pip install ir-sim; make bench IRSIM=VENV/bin/python
 
 Usage: python3 benchmarks simulator [--seconds S] [--robots 1,10,50] [--irsim PYTHON] [--output FILE.json]
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -55,7 +56,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seconds', type=float, default=20.0, help='simulated time of a round with one robot')
     parser.add_argument('--robots', default='1,10,50')
-    parser.add_argument('--irsim', type=Path, help='Python that has IR-SIM')
+    parser.add_argument('--irsim', type=Path, default=os.environ.get('IRSIM'), help='Python that has IR-SIM')
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
     counts = [int(one) for one in options.robots.split(',')]
@@ -69,7 +70,7 @@ def main() -> int:
         target = TARGETS.get(robots, '') if not obstacles else ''
         print(f'{robots:6d}  {obstacles:9d}  {step:9.1f}  {factor:6.0f}  {target}')
     if options.irsim is None:
-        print('\nIR-SIM is not measured: --irsim names the Python of a virtual environment that has it (pip: ir-sim)')
+        print('\nIR-SIM is not measured: --irsim, or IRSIM, names a Python that has it (pip: ir-sim)')
     else:
         print('\nrobots  us a step of 0.1 s  IR-SIM  times')
         for count in counts:
