@@ -97,7 +97,7 @@ def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
         with silent_console('watch'), silent_console('watch', '--observer'):
             probe.wait_ready()
             probe.wait(lambda: set(NAMES) <= set(used(probe)), 'all nodes in the graph')
-            probe.wait(lambda: all(len(served) == 6 for served in services_of_parts(probe)), 'their parts')
+            probe.wait(lambda: all(len(served) == 5 for served in services_of_parts(probe)), 'their parts')
             probe.drive_to(3.8, 1.2)
             rights = used(probe)
             probe.stop()
