@@ -482,6 +482,21 @@ def test_a_form_takes_only_what_its_types_can_be() -> None:
     on_screen(robot, steps)
 
 
+def test_a_form_gives_input_userdata_to_a_behavior() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('s', 'enter')
+        options = '--input "goal=geometry_msgs/PoseStamped:1 2 0" --autonomy low'
+        await pilot.press('tab', 'tab', *options, 'enter')
+        (start,) = robot.link.sent
+        assert [(one.key, one.type) for one in start.inputs] == [('goal', 'geometry_msgs/PoseStamped')]
+        assert start.autonomy == 1 and start.arguments == (('room', 'a'),)
+
+    on_screen(robot, steps)
+
+
 def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
     robot = Robot()
 

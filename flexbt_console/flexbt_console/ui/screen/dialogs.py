@@ -37,6 +37,9 @@ CHOICES: Final = {'bool': ('false', 'true')}
 RESTRICTED: Final = {'int': r'[+-]?\d*', 'float': r'[+-]?(\d*\.?\d*([eE][+-]?\d*)?|i?n?f?|n?a?n?)'}
 """What may be typed of a type, as far as it has come."""
 
+OPTIONS: Final = {'start': '--input KEY=TYPE:VALUE (userdata), --autonomy LEVEL', 'switch': '--reason TEXT'}
+"""What a form says of the options of its command."""
+
 
 class ChoiceList(ModalScreen[int | None]):
     """A list; gives the number of the line that was chosen, from 0 on, or None."""
@@ -103,7 +106,7 @@ class ChoiceList(ModalScreen[int | None]):
 
 
 class StartForm(ModalScreen[str | None]):
-    """The parameters of a behavior; gives the line that starts it, or None.
+    """The parameters of a behavior, and the options of the command; gives the line that starts it, or None.
 
     ``verb`` is ``start`` or ``switch``.
     """
@@ -138,6 +141,8 @@ class StartForm(ModalScreen[str | None]):
                 else:
                     restricted = RESTRICTED.get(parameter.type)
                     yield Input(parameter.default, id=f'parameter-{number}', restrict=restricted)
+            yield Label(Text(f'options  of {self._verb}, such as {OPTIONS[self._verb]}'))
+            yield Input(id='options')
             yield Label(Text(f'Enter or Ctrl-S: {self._verb}; Tab: the next field; Esc leaves'), classes='dim')
 
     def on_mount(self) -> None:
@@ -172,7 +177,7 @@ class StartForm(ModalScreen[str | None]):
             field: Any = self.query_one(f'#parameter-{number}')
             if field.value != parameter.default:
                 words.append(f'{parameter.name}={field.value}')
-        self.dismiss(shlex.join(words))
+        self.dismiss(f'{shlex.join(words)} {self.query_one("#options", Input).value}'.strip())
 
 
 class ReadingDialog(ModalScreen[None]):

@@ -81,12 +81,16 @@ export class Commands {
       form.append(element('label', {class: 'field'}, parameter.name, field, element('span', {}), element('span', {class: 'hint'}, parameter.help)));
       return [parameter, field];
     });
+    const options = element('input', {name: 'options'});
+    const such = verb === 'start' ? '--input KEY=TYPE:VALUE (userdata), --autonomy LEVEL' : '--reason TEXT';
+    form.append(element('label', {class: 'field'}, 'options', options, element('span', {}), element('span', {class: 'hint'}, `of ${verb}, such as ${such}`)));
     form.append(element('button', {type: 'submit'}, verb));
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       byId('dialog').close();
       const given = fields.filter(([parameter, field]) => field.value !== parameter.default);
-      this.do([verb, behavior.name, ...given.map(([parameter, field]) => `${parameter.name}=${field.value}`)].map(word).join(' '));
+      const words = [verb, behavior.name, ...given.map(([parameter, field]) => `${parameter.name}=${field.value}`)].map(word);
+      this.do([...words, options.value].join(' ').trim());
     });
     this.read(`${verb} ${behavior.name}`, form);
   }
