@@ -101,11 +101,10 @@ def measure(stack: Stack) -> dict[str, float]:
         began = time.monotonic()
         assert console_answer('start', 'Navigate', '--autonomy', 'low', '--operator', 'ann')['result'] == 'applied'
         figures['there already, from the command on'] = after.shows(IN_A_RUN, QUESTION, since=began)
-    with screen() as within, first_status() as heard:
+    with screen() as within:
         figures['during a run'] = within.shows(IN_A_RUN, QUESTION)
         stack.kill(EXECUTIVE)
         within.shows(LOST)
-        wait_until(lambda: heard, 'a status', DEADLINE)
     with screen() as silent:
         figures['after a robot that is gone'] = silent.shows(NO_ROBOT)
     return figures
