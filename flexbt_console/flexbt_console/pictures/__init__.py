@@ -4,7 +4,7 @@
 from .cells import cut, cut_middle, fold, width
 from .glyphs import ASCII, UNICODE, Glyphs, glyphs
 from .map_canvas import Cell, Frame, Layer, MapCanvas, map_lines, where_text
-from .map_image import save_map
+from .map_image import map_image, save_map
 from .tree_lines import acting_lines, chains_of_failures, tree_lines, whole_tree_lines, window
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     'cut_middle',
     'fold',
     'glyphs',
+    'map_image',
     'map_lines',
     'save_map',
     'tree_lines',

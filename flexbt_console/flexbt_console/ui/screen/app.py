@@ -10,7 +10,7 @@ import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -43,7 +43,7 @@ from flexbt_console.ui.interaction import (
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
-from .dialogs import ChoiceList, ReadingDialog, StartForm
+from .dialogs import ChoiceList, MapImage, ReadingDialog, StartForm
 from .ordered_app import OrderedApp
 from .overview import Overview
 from .panes import (
@@ -64,6 +64,9 @@ from .panes import (
     waiting_texts,
 )
 from .terminal_driver import TerminalDriver
+
+if TYPE_CHECKING:
+    from .terminal_images import ImageWidget
 
 REDRAW_SECONDS: Final = 0.05
 """Shortest time between two drawings, which limits what goes over a slow connection."""
@@ -111,6 +114,9 @@ class OperatorScreen(OrderedApp):
     .dialog {{ width: 96; max-width: 90%; height: auto; max-height: 90%; padding: 0 1; border: round $primary;
                background: $surface; }}
     .dialog Label {{ width: 100%; }}
+    .image {{ width: 95%; max-width: 95%; height: 95%; max-height: 95%; }}
+    .image > * {{ width: auto; height: 1fr; }}
+    .image > Label {{ height: 1; }}
     .dialog > OptionList {{ min-width: 12; max-height: 100%; border: none; padding: 0; }}
     .wide {{ width: 100%; max-width: 100%; }}
     .dim {{ text-style: dim; }}
@@ -159,12 +165,14 @@ class OperatorScreen(OrderedApp):
         robots: Robots | None = None,
         replay: ReplayBar | None = None,
         layout: Layout | None = None,
+        image_widget: ImageWidget | None = None,
     ) -> None:
         super().__init__()
         self._station = Station(mirror, link, make, timeout, Attention(clock), leaving)
         self._clock = clock
         self._robots = robots
         self._replay = replay
+        self._image_widget = image_widget
         self._robot = robots.own if robots is not None else ''
         self._overview: list[RobotOverview] = []
         self._followed: list[Mirror] = []
@@ -465,7 +473,10 @@ class OperatorScreen(OrderedApp):
         self.call_later(self.tell, lines(text))
 
     def _read(self, reading: Reading) -> None:
-        self.open(ReadingDialog(*reading))
+        if reading.title == 'map' and self._image_widget is not None:
+            self.open(MapImage(self._image_widget, self._view))
+        else:
+            self.open(ReadingDialog(*reading))
 
     def _choose(self, title: str, shown: Sequence[str], do: Callable[[int], object]) -> None:
         """Have one of the lines chosen, and do something with its number."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from rich.text import Text
 from textual.actions import SkipAction
@@ -21,12 +21,18 @@ from textual.screen import ModalScreen
 from textual.widgets import Input, Label, OptionList, Select
 from textual.widgets.option_list import Option
 
-from flexbt_console.mirror import Behavior
-from flexbt_console.pictures import fold
+from flexbt_console.mirror import Behavior, View
+from flexbt_console.pictures import fold, map_image, where_text
 from flexbt_console.present import Line, tone_of
 from flexbt_core.values import one_line
 
 from .panes import Pane, styled
+
+if TYPE_CHECKING:
+    from .terminal_images import ImageWidget
+
+IMAGE_SECONDS: Final = 2.0
+"""From one image of the map to the next: each is some ten kilobytes."""
 
 MOST_ROWS: Final = 100
 """Of one line."""
@@ -207,6 +213,42 @@ class ReadingDialog(ModalScreen[None]):
         for scroll in self.query(VerticalScroll):  # not any more, when it was closed meanwhile
             columns = scroll.scrollable_content_region.width
             scroll.query_one(Pane).show(styled(folded(self._text, columns)))
+
+
+class MapImage(ModalScreen[None]):
+    """The map as an image, drawn anew when it has changed; ``widget`` shows images, ``view`` gives what is known."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding('escape,enter,q', 'dismiss(None)', 'leave', priority=True),
+    ]
+
+    def __init__(self, widget: ImageWidget, view: Callable[[], View]) -> None:
+        super().__init__()
+        self._widget = widget
+        self._view = view
+        self._drawn: object = None
+
+    def compose(self) -> ComposeResult:
+        """See :class:`textual.screen.Screen`."""
+        with Vertical(classes='dialog image'):
+            yield Label(id='where')
+            yield self._widget()
+
+    def on_mount(self) -> None:
+        """It is drawn at once."""
+        self.draw()
+        self.set_interval(IMAGE_SECONDS, self.draw)
+
+    def draw(self) -> None:
+        """Draw what is known now, unless that is on the screen."""
+        view = self._view()
+        robot = view.snapshot.robot_pose if view.snapshot else None
+        shown = view.surroundings, robot, view.places, view.live
+        if shown != self._drawn:
+            self._drawn = shown
+            age = '' if view.live else 'NOT OF NOW  '
+            self.query_one('#where', Label).update(Text(f'{age}{where_text(view)}  (Esc leaves)'))
+            self.query_one(self._widget).image = map_image(*shown[:3])
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:

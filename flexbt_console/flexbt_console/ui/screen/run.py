@@ -14,6 +14,7 @@ from flexbt_core.clock import Clock
 
 from .app import OperatorScreen, Robots
 from .panes import NOTHING_SENT, Layout, NoLink, Player, ReplayBar
+from .terminal_images import image_widget
 
 LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
 """Where the layout is kept from one time to the next."""
@@ -31,14 +32,19 @@ def run_screen(
 ) -> None:
     """Run the screen in this terminal until the operator leaves it, or a signal ends it, of which ``on_signal`` tells
     (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
-    _run(OperatorScreen(mirror, link, make, timeout, clock, leaving, robots, layout=_layout()), on_signal)
+    screen = OperatorScreen(
+        mirror, link, make, timeout, clock, leaving, robots, layout=_layout(), image_widget=image_widget()
+    )
+    _run(screen, on_signal)
 
 
 def show_recording(player: Player, clock: Clock, on_signal: OnSignal) -> None:
     """Show a recording in this terminal until the operator leaves it, or a signal ends it."""
     bar, make = ReplayBar(player, clock), CommandBuilder(None, NOTHING_SENT)
     leaving = 'it was a recording'
-    screen = OperatorScreen(player.mirror, NoLink(), make, 1.0, clock, leaving, replay=bar, layout=_layout())
+    screen = OperatorScreen(
+        player.mirror, NoLink(), make, 1.0, clock, leaving, replay=bar, layout=_layout(), image_widget=image_widget()
+    )
     _run(screen, on_signal)
 
 

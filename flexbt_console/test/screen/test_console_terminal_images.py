@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which terminals are asked for a protocol for images, and what becomes of their answers."""
+
+import fcntl
+import os
+import struct
+import subprocess
+import sys
+import termios
+
+import pytest
+
+pytest.importorskip('textual_image', reason='pip install textual-image')
+
+PROGRAM = 'from flexbt_console.ui.screen.terminal_images import image_widget as find; print(find(), flush=True)'
+KNOWN = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID', 'WT_SESSION', 'FLEXBT_IMAGES')
+
+
+def written(attributes: bytes, columns: int = 80, **environment: str) -> bytes:
+    """What a program that looks for images writes to a terminal that answers DA1 with these attributes."""
+    terminal, other = os.openpty()
+    fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 24, columns, 10 * columns, 480))
+    given = {name: value for name, value in os.environ.items() if name not in KNOWN} | environment
+    process = subprocess.Popen([sys.executable, '-c', PROGRAM], stdin=other, stdout=other, stderr=other, env=given)
+    os.close(other)
+    text = b''
+    try:
+        while data := os.read(terminal, 4096):
+            text += data
+            if data.endswith(b'\x1b[c'):
+                os.write(terminal, attributes)
+    except OSError:  # the process has ended
+        pass
+    finally:
+        process.wait()
+        os.close(terminal)
+    return text
+
+
+def test_a_terminal_with_sixel_shows_images() -> None:
+    assert b'sixel' in written(b'\x1b[?62;4;22c', TERM='foot')
+
+
+def test_a_terminal_without_columns_shows_none() -> None:
+    assert written(b'\x1b[?62;4;22c', 0, TERM='foot').endswith(b'None\r\n')
+
+
+def test_a_terminal_without_a_protocol_shows_none() -> None:
+    assert written(b'\x1b[?62;22c', TERM='xterm-256color', FLEXBT_IMAGES='1').endswith(b'None\r\n')
+
+
+@pytest.mark.parametrize('environment', [{'TERM': 'xterm-256color'}, {'TERM': 'foot', 'FLEXBT_IMAGES': '0'}])
+def test_nothing_is_asked_of_a_terminal_that_is_not_known_for_it(environment: dict[str, str]) -> None:
+    assert written(b'\x1b[?62;4;22c', **environment) == b'None\r\n'
