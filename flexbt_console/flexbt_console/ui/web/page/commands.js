@@ -151,8 +151,9 @@ export class Commands {
       if (!event.repeat) this.act('stop');
       return;
     }
-    const inField = event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
-    const onButton = event.target.closest?.('button, a');
+    const left = event.target.closest?.('dialog:not([open])');  // it has the focus until the page is drawn again
+    const inField = !left && event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
+    const onButton = !left && event.target.closest?.('button, a');
     if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     const actions = {
       '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.act('repeat'),
