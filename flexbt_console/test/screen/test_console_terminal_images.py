@@ -16,7 +16,7 @@ PROGRAM = 'from flexbt_console.ui.screen.terminal_images import image_widget as 
 KNOWN = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID', 'WT_SESSION', 'FLEXBT_IMAGES')
 
 
-def written(attributes: bytes, columns: int = 80, **environment: str) -> bytes:
+def written(attributes: bytes, environment: dict[str, str], columns: int = 80) -> bytes:
     """What a program that looks for images writes to a terminal that answers DA1 with these attributes."""
     terminal, other = os.openpty()
     fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 24, columns, 10 * columns, 480))
@@ -38,17 +38,17 @@ def written(attributes: bytes, columns: int = 80, **environment: str) -> bytes:
 
 
 def test_a_terminal_with_sixel_shows_images() -> None:
-    assert b'sixel' in written(b'\x1b[?62;4;22c', TERM='foot')
+    assert b'sixel' in written(b'\x1b[?62;4;22c', {'TERM': 'foot'})
 
 
 def test_a_terminal_without_columns_shows_none() -> None:
-    assert written(b'\x1b[?62;4;22c', 0, TERM='foot').endswith(b'None\r\n')
+    assert written(b'\x1b[?62;4;22c', {'TERM': 'foot'}, 0).endswith(b'None\r\n')
 
 
 def test_a_terminal_without_a_protocol_shows_none() -> None:
-    assert written(b'\x1b[?62;22c', TERM='xterm-256color', FLEXBT_IMAGES='1').endswith(b'None\r\n')
+    assert written(b'\x1b[?62;22c', {'TERM': 'xterm-256color', 'FLEXBT_IMAGES': '1'}).endswith(b'None\r\n')
 
 
 @pytest.mark.parametrize('environment', [{'TERM': 'xterm-256color'}, {'TERM': 'foot', 'FLEXBT_IMAGES': '0'}])
 def test_nothing_is_asked_of_a_terminal_that_is_not_known_for_it(environment: dict[str, str]) -> None:
-    assert written(b'\x1b[?62;4;22c', **environment) == b'None\r\n'
+    assert written(b'\x1b[?62;4;22c', environment) == b'None\r\n'
