@@ -46,7 +46,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from _figures import write_figures
-from _processes import executable, install_behavior
+from _processes import executable, install_behavior, processor_time
 from domain_coordinator import domain_id
 
 HERE: Final = Path(__file__).resolve().parent
@@ -128,12 +128,6 @@ class Station:
         assert self.link.wait_for(lambda view: path in view.active_paths or None, DEADLINE), self.mirror.view()
 
 
-def cpu_seconds(process: int) -> float:
-    """Processor time that a process has used."""
-    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
 def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) -> dict[str, Any]:
     """The figures; times in ms unless said otherwise."""
     for station in stations:
@@ -142,11 +136,11 @@ def measure(stations: Sequence[Station], processes: Sequence[int], rounds: int) 
         station.link.send(station.make.start(view, 'Fleet probe'), DEADLINE)
     for station in stations:
         station.wait_state('/Here')
-    cpu, before, begun = [cpu_seconds(one) for one in processes], [one.bytes for one in stations], time.monotonic()
+    cpu, before, begun = [processor_time(one) for one in processes], [one.bytes for one in stations], time.monotonic()
     own = time.process_time()
     time.sleep(REST_SECONDS)  # a window to measure in, not a wait for something
     seconds = time.monotonic() - begun
-    at_rest = [(cpu_seconds(one) - was) / seconds * 100.0 for one, was in zip(processes, cpu, strict=True)]
+    at_rest = [(processor_time(one) - was) / seconds * 100.0 for one, was in zip(processes, cpu, strict=True)]
     consoles = (time.process_time() - own) / seconds * 100.0
     traffic = [(one.bytes - was) / seconds for one, was in zip(stations, before, strict=True)]
     effects = []
@@ -176,12 +170,12 @@ def measure_trees(stations: Sequence[Station], processes: Sequence[int]) -> dict
     while not all(len(station.waits) > 10 for station in stations):
         assert time.monotonic() < end, 'not all trees run'
         time.sleep(0.1)
-    cpu, begun = sum(map(cpu_seconds, processes)), time.monotonic()
+    cpu, begun = sum(map(processor_time, processes)), time.monotonic()
     first = [len(station.waits) for station in stations]
     time.sleep(REST_SECONDS)  # a window to measure in, not a wait for something
     waits = [station.waits[since:] for station, since in zip(stations, first, strict=True)]
     seconds = time.monotonic() - begun
-    cpu = sum(map(cpu_seconds, processes)) - cpu
+    cpu = sum(map(processor_time, processes)) - cpu
     for goal in goals:
         goal.cancel()
     late = [1e3 * length - DEADLINE_MS for one in waits for _, length in one]

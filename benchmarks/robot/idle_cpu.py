@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from _figures import write_figures
+from _processes import processor_time
 from _terminal import Terminal
 from domain_coordinator import domain_id
 
@@ -70,15 +71,6 @@ def measure(ids: Mapping[str, int], seconds: float) -> dict[str, float]:
     before = {name: processor_time(process) for name, process in ids.items()}
     time.sleep(seconds)
     return {name: round(100.0 * (processor_time(process) - before[name]) / seconds, 2) for name, process in ids.items()}
-
-
-def processor_time(process: int) -> float:
-    """Of all threads of a process that live, s, by the scheduler's own account: ticks of the clock are too coarse."""
-    total = 0
-    for thread in Path('/proc', str(process), 'task').iterdir():
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            total += int((thread / 'schedstat').read_text().split()[0])
-    return total * 1e-9
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 from _figures import write_figures
+from _processes import processor_time
 from _terminal import Terminal
 from domain_coordinator import domain_id
 
@@ -66,12 +67,6 @@ def measure(columns: int, rows: int, seconds: float) -> dict[str, dict[str, floa
 def command(*words: str) -> None:
     """Have it done by another console."""
     assert console_answer(*words, '--operator', 'ann')['result'] == 'applied'
-
-
-def processor_time(process: int) -> float:
-    """User and system time of a process, s."""
-    fields = Path('/proc', str(process), 'stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def main() -> int:

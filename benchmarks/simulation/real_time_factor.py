@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from _figures import write_figures
+from _processes import processor_time
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath
@@ -71,12 +72,6 @@ class Client:
         response: Any = service_outcome(self._clock, request, DEADLINE).response
         stamp = response.state.header.stamp
         return float(stamp.sec + 1e-9 * stamp.nanosec)
-
-
-def processor_time(process: int) -> float:
-    """User and system time of a process, s."""
-    fields = Path('/proc', str(process), 'stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def main() -> int:
