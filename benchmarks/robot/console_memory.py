@@ -52,7 +52,7 @@ from flexbt_console.mirror import (
     Structure,
     TreeNode,
 )
-from flexbt_console.ui.interaction import Attention
+from flexbt_console.ui.interaction import Attention, Station
 from flexbt_console.ui.screen import OperatorScreen
 from flexbt_console.ui.web import Access, PageStation, WebServer, serving
 from flexbt_core.clock import ManualClock
@@ -181,7 +181,8 @@ def hours(robot: Robot, count: int, look: int) -> Iterator[int]:
 async def with_screen(robot: Robot, count: int, look: int, note: Callable[[int], None]) -> None:
     """A screen at the mirror."""
     robot.step()
-    screen: Any = OperatorScreen(robot.mirror, robot, robot.make, 5.0, robot.clock, 'it ends')
+    station = Station(robot.mirror, robot, robot.make, 5.0, Attention(robot.clock), 'it ends')
+    screen: Any = OperatorScreen(station, robot.clock)
     async with screen.run_test(size=(120, 36)) as pilot:
         for second in hours(robot, count, look):
             screen.draw()

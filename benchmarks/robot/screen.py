@@ -40,8 +40,9 @@ from flexbt_console.mirror import (
     Structure,
     TreeNode,
 )
+from flexbt_console.ui.interaction import Attention, Station
 from flexbt_console.ui.screen import OperatorScreen
-from flexbt_core.clock import SteadyClock
+from flexbt_core.clock import Clock, SteadyClock
 
 KEYS = ['o', 'down', 'down', 'escape', 'question_mark', 'escape', 'z', 'z', 'z', 'z']
 
@@ -111,7 +112,7 @@ async def measure(count: int, rate: float, rounds: int, size: tuple[int, int]) -
                 robot.change()
                 await asyncio.sleep(1.0 / (rate * count))
 
-    app = TimedScreen(*robots.select(robots.own), CommandBuilder('ann'), 5.0, clock, 'stays', robots)
+    app = TimedScreen(station(robots, clock), clock, robots)
     times = []
     async with app.run_test(size=size) as pilot:
         feeding = asyncio.create_task(feed())
@@ -128,12 +129,18 @@ async def measure(count: int, rate: float, rounds: int, size: tuple[int, int]) -
     return {'median ms': statistics.median(taken), '95 % ms': statistics.quantiles(taken, n=20)[-1]}
 
 
+def station(robots: Robots, clock: Clock) -> Station:
+    """The robot that the screen begins with, as its operator has it."""
+    mirror, robot = robots.select(robots.own)
+    return Station(mirror, robot, CommandBuilder('ann'), 5.0, Attention(clock), 'stays')
+
+
 async def traffic(count: int, size: tuple[int, int]) -> float:
     """Bytes to the terminal for each of so many statuses of one robot that drives."""
     clock = SteadyClock()
     robots = Robots(1, clock)
-    mirror, robot = robots.select(robots.own)
-    app = OperatorScreen(mirror, robot, CommandBuilder('ann'), 5.0, clock, 'stays')
+    _, robot = robots.select(robots.own)
+    app = OperatorScreen(station(robots, clock), clock)
     written = 0
 
     def write(screen: Any, update: Any) -> None:

@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from flexbt_common.runtime import NodeRuntime
     from flexbt_console.link import FleetLink, OperatorLink
 
+    from .interaction import Station
+
 PLACES_PARAMETER = 'places'
 DEFAULT_TIMEOUT = 5.0
 """Seconds to wait for the executive, and for its answer, when no --timeout is given."""
@@ -292,8 +294,7 @@ def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     mirror, link, make = _parts(line, runtime)
     from .prompt import run_prompt  # while the robot is discovered
 
-    leaving = line.value('--leaving') or LEAVING
-    run_prompt(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.on_signal)
+    run_prompt(_station(line, runtime, mirror, link, make), runtime.steady, watch.on_signal)
 
 
 def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
@@ -301,8 +302,17 @@ def _run_screen(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -
     mirror, link = robots.select(robots.own)
     from .screen import run_screen  # while the robots are discovered
 
-    make, leaving = CommandBuilder(_operator(line)), line.value('--leaving') or LEAVING
-    run_screen(mirror, link, make, _timeout(line), runtime.steady, leaving, watch.on_signal, robots)
+    station = _station(line, runtime, mirror, link, CommandBuilder(_operator(line)))
+    run_screen(station, runtime.steady, watch.on_signal, robots)
+
+
+def _station(
+    line: CommandLine, runtime: NodeRuntime, mirror: Mirror, link: CommandedRobot, make: CommandBuilder
+) -> Station:
+    from .interaction import Attention, Station
+
+    leaving = line.value('--leaving') or LEAVING
+    return Station(mirror, link, make, _timeout(line), Attention(runtime.steady), leaving)
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:

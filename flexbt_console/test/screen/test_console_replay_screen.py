@@ -27,6 +27,7 @@ from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import RunWriter
 from flexbt_console.recording.topics import TOPICS
+from flexbt_console.ui.interaction import Attention, Station
 from flexbt_console.ui.screen import NOTHING_SENT, NoLink, OperatorScreen, ReplayBar
 from flexbt_core.clock import ManualClock
 from flexbt_msgs.msg import ActiveState, ExecutiveLog, ExecutiveStatus, TreeNode, TreeStatus, TreeStructure
@@ -153,7 +154,8 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(
 
     async def run() -> None:
         make = CommandBuilder(None, NOTHING_SENT)
-        app = OperatorScreen(bar.player.mirror, NoLink(), make, 1.0, clock, 'it was a recording', replay=bar)
+        station = Station(bar.player.mirror, NoLink(), make, 1.0, Attention(clock), 'it was a recording')
+        app = OperatorScreen(station, clock, replay=bar)
         async with app.run_test(size=(100, 30)) as pilot:
             await shows(pilot, 'RECORDING', 'State0', 'stands x1  0.0 / 10.0 s', '/ finds', 'nothing is sent')
             await pilot.press('question_mark')

@@ -56,7 +56,7 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.ui.interaction import KEYS
+from flexbt_console.ui.interaction import KEYS, Attention, Station
 from flexbt_console.ui.screen import OperatorScreen, run_screen
 from flexbt_console.ui.screen.dialogs import MapImage
 from flexbt_console.ui.screen.overview import Overview
@@ -140,6 +140,10 @@ class Robot:
         self.show()
         self.show()
 
+    def station(self) -> Station:
+        """The robot as its operator has it."""
+        return Station(self.mirror, self.link, CommandBuilder('ann'), 5.0, Attention(self.clock), 'stays')
+
     def run_tree(self, *parents: int) -> None:
         """Another tree runs, each of whose nodes does, too; these are their parents."""
         nodes = [TreeNode(uid, parent, f'Node{uid}', 'Wait') for uid, parent in enumerate(parents, 1)]
@@ -165,10 +169,7 @@ def on_screen(
     """Run the screen, and what an operator does at it."""
 
     async def run() -> None:
-        make = CommandBuilder('ann')
-        app = OperatorScreen(
-            robot.mirror, robot.link, make, 5.0, robot.clock, 'stays', robots, layout=layout, image_widget=image_widget
-        )
+        app = OperatorScreen(robot.station(), robot.clock, robots, layout=layout, image_widget=image_widget)
         async with app.run_test(size=size) as pilot:
             await seen(robot, pilot)
             await steps(app, pilot)
@@ -745,7 +746,7 @@ def test_after_the_screen_signals_do_what_they_did_before_it(monkeypatch: pytest
     robot, numbers = Robot(), (signal.SIGTSTP, signal.SIGCONT, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
     watch = TerminalWatch(lambda: None)
-    run_screen(robot.mirror, robot.link, CommandBuilder('ann'), 5.0, robot.clock, 'stays', watch.on_signal)
+    run_screen(robot.station(), robot.clock, watch.on_signal)
     after = [signal.signal(number, handler) for number, handler in zip(numbers, before, strict=True)]
     assert after == before
 

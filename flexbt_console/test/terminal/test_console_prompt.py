@@ -8,6 +8,7 @@ import dataclasses
 import io
 import re
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import pytest
 from prompt_toolkit.application import create_app_session
@@ -38,10 +39,10 @@ from flexbt_console.mirror import (
     UserdataScope,
     View,
 )
-from flexbt_console.ui.interaction import Bound, Local, ShownDecision, interpret
+from flexbt_console.ui.interaction import Attention, Bound, Local, ShownDecision, Station, interpret
 from flexbt_console.ui.prompt import Prompt, toolbar
 from flexbt_console.ui.prompt.terminal import MOST_TYPED, Typed
-from flexbt_core.clock import ManualClock
+from flexbt_core.clock import Clock, ManualClock
 from flexbt_testing.waiting import DEADLINE
 
 TRANSITION = Decision('t1', DecisionKind.TRANSITION, '/Plan', 'done', ('done', 'canceled', 'failed'), 2)
@@ -51,6 +52,10 @@ TEXT = Decision('i2', DecisionKind.INPUT, '/Ask', input_type='string')
 NUMBERS = Decision('i3', DecisionKind.INPUT, '/Ask', input_type='int32', input_choices=('20', '10', '1'))
 PLACES = {'kitchen': Pose(1.0, 2.0)}
 MAKE = CommandBuilder('ann')
+
+
+def station(mirror: Mirror, link: Any, clock: Clock) -> Station:
+    return Station(mirror, link, MAKE, 5.0, Attention(clock), 'the robot goes on')
 
 
 def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:
@@ -268,7 +273,7 @@ def test_a_session_at_the_keyboard(capsys: pytest.CaptureFixture[str]) -> None:
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-            prompt = Prompt(mirror, link, MAKE, 5.0, clock, 'the robot goes on', input=keys, output=DummyOutput())
+            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=DummyOutput())
             running = asyncio.create_task(prompt.run())
 
             async def until(count: int) -> None:
@@ -328,7 +333,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
     async def operate() -> None:
         output = PlainTextOutput(screen)
         with create_pipe_input() as keys, create_app_session(input=keys, output=output):
-            prompt = Prompt(mirror, link, MAKE, 5.0, clock, 'the robot goes on', input=keys, output=output)
+            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=output)
             running = asyncio.create_task(prompt.run())
 
             async def until(text: str) -> None:
@@ -372,16 +377,8 @@ def test_quitting_sends_nothing(keys_to_quit: str) -> None:
 
     async def operate() -> None:
         with create_pipe_input() as keys, create_app_session(input=keys, output=DummyOutput()):
-            prompt = Prompt(
-                mirror,
-                link,
-                MAKE,
-                5.0,
-                ManualClock(),
-                'the robot goes on',
-                input=keys,
-                output=DummyOutput(),
-            )
+            clock = ManualClock()
+            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=DummyOutput())
             keys.send_text(keys_to_quit)
             await prompt.run()
 

@@ -25,7 +25,7 @@ from prompt_toolkit.output import ColorDepth, Output
 from prompt_toolkit.shortcuts import CompleteStyle
 from prompt_toolkit.styles import Style
 
-from flexbt_console.commands import CommandBuilder, CommandedRobot, candidates
+from flexbt_console.commands import candidates
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import Command, Mirror, View
 from flexbt_console.pictures import fold
@@ -39,7 +39,6 @@ from flexbt_console.present import (
     tone_of,
 )
 from flexbt_console.ui.interaction import (
-    Attention,
     Bound,
     Later,
     Local,
@@ -79,19 +78,11 @@ STYLE: Final = Style.from_dict(
 )
 
 
-def run_prompt(
-    mirror: Mirror,
-    link: CommandedRobot,
-    make: CommandBuilder,
-    timeout: float,
-    clock: Clock,
-    leaving: str,
-    on_signal: OnSignal,
-) -> None:
+def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
     """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, of which
     ``on_signal`` tells (see :class:`flexbt_console.ui.terminal_watch.TerminalWatch`)."""
     keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
-    prompt = Prompt(mirror, link, make, timeout, clock, leaving, on_signal=on_signal, input=keyboard)
+    prompt = Prompt(station, clock, on_signal=on_signal, input=keyboard)
     asyncio.run(prompt.run())
 
 
@@ -107,30 +98,25 @@ class _Held:
 class Prompt:
     """One operator at one terminal. Everything here runs on the event loop's thread.
 
-    ``timeout``: seconds for the link to be live, and for each answer. ``leaving`` is what happens when the operator
-    leaves.
+    The time-out of the station is also that for the link to be live.
     """
 
     def __init__(
         self,
-        mirror: Mirror,
-        link: CommandedRobot,
-        make: CommandBuilder,
-        timeout: float,
+        station: Station,
         clock: Clock,
-        leaving: str,
         *,
         on_signal: OnSignal = lambda end: contextlib.nullcontext(),
         input: Input | None = None,
         output: Output | None = None,
     ) -> None:
-        self._mirror = mirror
-        self._station = Station(mirror, link, make, timeout, Attention(clock), leaving)
+        self._mirror = station.mirror
+        self._station = station
         self._clock = clock
         self._on_signal = on_signal
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
-        self._follower = Follower(mirror)
+        self._follower = Follower(station.mirror)
         self._history = _History()
         self._sent = SentCommands(clock)
         self._print_queue: asyncio.Queue[tuple[list[str], str | None]] = asyncio.Queue()
@@ -140,7 +126,7 @@ class Prompt:
         self._has_colours = has_colours(sys.stdout)
         self._session: PromptSession[str] = PromptSession(
             '> ',
-            completer=_PromptCompleter(mirror),
+            completer=_PromptCompleter(station.mirror),
             history=self._history,
             complete_while_typing=False,
             complete_style=CompleteStyle.READLINE_LIKE,

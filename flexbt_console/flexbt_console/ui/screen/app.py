@@ -18,14 +18,13 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
-from flexbt_console.commands import CommandBuilder, CommandedRobot, prompt_help
+from flexbt_console.commands import CommandedRobot, prompt_help
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import Behavior, Change, Command, Fleet, Mirror, RobotOverview, View
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
     CHANGED,
     KEYS,
-    Attention,
     Bound,
     Key,
     Later,
@@ -93,7 +92,7 @@ class Robots(Protocol):
 
 
 class OperatorScreen(OrderedApp):
-    """One operator at one terminal. ``timeout``: seconds for each answer; ``leaving``: what happens when it is left."""
+    """One operator at one terminal."""
 
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
@@ -156,19 +155,15 @@ class OperatorScreen(OrderedApp):
 
     def __init__(
         self,
-        mirror: Mirror,
-        link: CommandedRobot,
-        make: CommandBuilder,
-        timeout: float,
+        station: Station,
         clock: Clock,
-        leaving: str,
         robots: Robots | None = None,
         replay: ReplayBar | None = None,
         layout: Layout | None = None,
         image_widget: ImageWidget | None = None,
     ) -> None:
         super().__init__()
-        self._station = Station(mirror, link, make, timeout, Attention(clock), leaving)
+        self._station = station
         self._clock = clock
         self._robots = robots
         self._replay = replay
@@ -178,7 +173,7 @@ class OperatorScreen(OrderedApp):
         self._followed: list[Mirror] = []
         self._turned_to = ''
         self._line = TypedLine(self._view, self.tell_error)
-        self._panes = Panes(clock, make.operator, layout or Layout(), self._line, replay)
+        self._panes = Panes(clock, station.make.operator, layout or Layout(), self._line, replay)
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
         self._sent = SentCommands(clock)

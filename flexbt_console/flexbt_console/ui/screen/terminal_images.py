@@ -34,8 +34,6 @@ def image_widget() -> ImageWidget | None:
         if Image in (HalfcellImage, UnicodeImage):
             return None
         from textual_image.widget import Image as Widget
-    except ModuleNotFoundError:  # rosdep has no key for it
-        return None
-    except ZeroDivisionError:  # by a terminal that has no columns yet
+    except (ModuleNotFoundError, ZeroDivisionError):  # rosdep has no key for it; a terminal may have no columns yet
         return None
     return Widget
