@@ -131,6 +131,15 @@ class Drivers:
             self.forget(robot)
 
 
+@dataclass
+class _StepRequest:
+    """See :meth:`Pacer.step`."""
+
+    left: int
+    on_stepped: OnStepped
+    piece: int
+
+
 class Pacer:
     """Waits after each piece of simulated time, on the wall clock. ``stop`` ends all waiting. From any thread."""
 
@@ -146,8 +155,10 @@ class Pacer:
         self._patience = STALL_SECONDS
         self._stopped = False
         self._is_paused = False
-        self._steps = self._piece = 0
-        self._on_stepped: OnStepped | None = None
+        self._request: _StepRequest | None = None
+        """What is left of the steps that were asked for while time stands still."""
+        self._begun: _StepRequest | None = None
+        """Those among which the steps are that are being made."""
 
     @property
     def factor(self) -> float:
@@ -215,30 +226,30 @@ class Pacer:
         more are made, for whatever reason, ``is_over``.
         """
         with self._event:
-            if not self._is_paused or self._steps or self._stopped:
+            if not self._is_paused or self._request is not None or self._stopped:
                 return False
-            self._steps, self._piece, self._on_stepped = count, piece, on_stepped
+            self._request = _StepRequest(count, on_stepped, piece)
             self._event.notify_all()
             return True
 
     def cancel_steps(self) -> None:
         """Make no more steps."""
         with self._event:
-            told, left = self._on_stepped, self._steps
-            self._steps, self._on_stepped = 0, None
+            request, self._request = self._request, None
             self._event.notify_all()
-        if told is not None:
-            told(left, True)
+        if request is not None:
+            request.on_stepped(request.left, True)
 
     def begin(self, most: int) -> tuple[int, bool]:
         """How many steps may be made now, up to ``most``, and whether they are those that were asked for while time
         stands still; it waits for them then. 0 after :meth:`stop`.
         """
         with self._event:
-            self._event.wait_for(lambda: self._stopped or not self._is_paused or self._steps)
+            self._event.wait_for(lambda: self._stopped or not self._is_paused or self._request is not None)
             if self._stopped:
                 return 0, False
-            return (min(most, self._steps, self._piece), True) if self._is_paused else (most, False)
+            self._begun = request = self._request if self._is_paused else None
+            return (most, False) if request is None else (min(most, request.left, request.piece), True)
 
     def stop(self) -> None:
         """End all waiting, now and later."""
@@ -255,17 +266,16 @@ class Pacer:
 
     def wait(self, steps: int, simulated: float, now: float) -> None:
         """Let the wall time of ``steps`` pass that took ``simulated`` seconds, until the simulated time ``now``."""
-        told: OnStepped | None = None
         with self._event:
-            if self._steps:
-                self._steps -= min(steps, self._steps)
-                told, left = self._on_stepped, self._steps
-                if not left:
-                    self._on_stepped = None
+            request = self._begun if self._begun is self._request else None
+            if request is not None:
+                request.left -= steps
+                if not request.left:
+                    self._request = None
             elif not self._is_paused:
                 self._wait(simulated, now)
-        if told is not None:
-            told(left, left == 0)
+        if request is not None:
+            request.on_stepped(request.left, request.left == 0)
 
     def _wait(self, simulated: float, now: float) -> None:
         fastest = IDLE_FACTOR

@@ -245,6 +245,27 @@ def test_while_it_stands_still_steps_are_made_as_many_as_asked_for() -> None:
     assert not pacer.step(1, on_stepped, 1)  # it does not stand still
 
 
+def test_steps_that_were_begun_before_are_none_of_those_that_are_asked_for() -> None:
+    """Neither those of a time that went on, nor those of a request that was canceled."""
+    told: list[tuple[int, bool]] = []
+
+    def on_stepped(left: int, is_over: bool) -> None:
+        told.append((left, is_over))
+
+    pacer = Pacer(1.0)
+    for begun in ((3, False), (3, True)):
+        assert pacer.begin(3) == begun
+        pacer.pause()
+        pacer.cancel_steps()
+        told.clear()
+        assert pacer.step(5, on_stepped, 100)
+        pacer.wait(2, 0.0, 0.0)
+        assert told == []
+    assert pacer.begin(100) == (5, True)
+    pacer.wait(5, 0.0, 0.0)
+    assert told == [(0, True)]
+
+
 def test_the_wait_of_a_pause_is_not_made_good() -> None:
     """After it the world does not rush."""
     pacer = paused()
