@@ -15,8 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Self
 
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import one_line
 
 
 class SimulationError(FlexbtError):
@@ -30,6 +32,12 @@ class FileError(SimulationError):
         super().__init__(f'{file}: {field}: {message}' if field else f'{file}: {message}')
         self.file = file
         self.field = field
+
+    @classmethod
+    def unreadable(cls, file: Path, error: Exception, wanted: str) -> Self:
+        """The whole cannot be read, for an ``error``; ``wanted`` is what to give."""
+        reason = one_line(str(error), 200) or type(error).__name__
+        return cls(file, '', f'cannot be read: {reason}; give {wanted}')
 
 
 class MapError(FileError):

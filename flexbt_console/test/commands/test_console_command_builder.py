@@ -218,6 +218,7 @@ def test_places_file(tmp_path: Path) -> None:
         ('a: {x: .nan, y: 1}', 'x is nan'),
         ('a b: {x: 1, y: 1}', 'one word'),
         ('- a', 'expected'),
+        ('a: {x: 1' + '0' * 400 + ', y: 2}', 'not a number'),
         ('a: {', 'places.yaml'),
         ('a: !!python/object/apply:os.getcwd []', 'places.yaml'),
     ):

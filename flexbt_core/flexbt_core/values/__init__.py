@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from .counts import counted
 from .escaping import lines, one_line
 from .excerpts import excerpt, shown
+from .finite_numbers import finite_number
 from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
@@ -26,6 +27,7 @@ __all__ = [
     'construct_yaml',
     'counted',
     'excerpt',
+    'finite_number',
     'hint',
     'line_of',
     'lines',

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from .excerpts import shown
+from .finite_numbers import finite_number
 from .text_files import read_text
 
 _NO_WORD: Final = re.compile(r'[\s;]|^[-+.\d{\[]')
@@ -49,11 +50,12 @@ def _place(file: Path, name: str, entry: Any) -> Place:
         raise ValueError(f'{where}: a name is one word that begins with a letter')
     if not isinstance(entry, dict) or not {'x', 'y'} <= entry.keys() <= {'x', 'y', 'yaw', 'frame'}:
         raise ValueError(f'{where}: expected {{x: 1.0, y: 2.0, yaw: 0.0}} with metres and radians')
-    numbers = {}
+    numbers = []
     for key in ('x', 'y', 'yaw'):
-        value = entry.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f'{where}: {key} is {value!r}, not a number')
-        numbers[key] = float(value)
-    place = Place(numbers['x'], numbers['y'], numbers['yaw'])
+        number = finite_number(entry.get(key, 0.0))
+        if number is None:
+            raise ValueError(f'{where}: {key} is {shown(entry[key])}, not a number')
+        numbers.append(number)
+    x, y, yaw = numbers
+    place = Place(x, y, yaw)
     return replace(place, frame=str(entry['frame'])) if 'frame' in entry else place

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.values import load_yaml, read_text, shown
+from flexbt_core.values import finite_number, load_yaml, read_text, shown
 from flexbt_sim.errors import DockError
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Pose, StationModel, WorldFile
 
 MOST_BYTES: Final = 4_000_000
 
@@ -37,37 +37,36 @@ class Dock:
 def load_docks(file: Path) -> dict[str, Dock]:
     """The docks of a file, by their names.
 
-    ``docks:`` has for each one ``type``, ``pose`` (x, y, yaw) and, when it is not map, ``frame``. A world file has
-    ``stations:`` with ``pose``.
+    ``docks:`` has for each one ``type``, ``pose`` (x, y, yaw) and, when it is not map, ``frame``. A file that has
+    ``stations:`` is a world file.
 
     Raises:
         DockError: the file cannot be read, or it has no docks.
+        WorldError: it is a world file that cannot be used.
     """
     try:
-        content = load_yaml(read_text(file, MOST_BYTES), aliases=True)
-    except (OSError, ValueError, RecursionError) as error:
-        reason = ' '.join(str(error).split())[:200] or type(error).__name__
-        raise DockError(file, '', f'cannot be read: {reason}; give a YAML file with docks') from error
-    section = next((name for name in ('docks', 'stations') if isinstance(content, dict) and name in content), None)
-    if section is None:
-        raise DockError(file, '', 'has neither docks: nor stations:')
-    entries = content[section]
-    if not isinstance(entries, dict):
-        raise _unfit(file, section, 'docks by their names', entries)
-    return {
-        str(name): _dock(file, f'{section}.{name}', str(name), entry, is_station=section == 'stations')
-        for name, entry in entries.items()
-    }
+        text = read_text(file, MOST_BYTES)
+        content = load_yaml(text, aliases=True)
+    except (OSError, ValueError) as error:
+        raise DockError.unreadable(file, error, 'a YAML file with docks') from error
+    sections = content if isinstance(content, dict) else {}
+    if 'docks' in sections:
+        docks = sections['docks']
+        if not isinstance(docks, dict):
+            raise _unfit(file, 'docks', 'docks by their names', docks)
+        return {str(name): _dock(file, f'docks.{name}', str(name), entry) for name, entry in docks.items()}
+    if 'stations' in sections:
+        entities = WorldFile(file, text).entities
+        return {name: Dock(name, model.pose) for _, name, model, _ in entities if isinstance(model, StationModel)}
+    raise DockError(file, '', 'has neither docks: nor stations:')
 
 
-def _dock(file: Path, where: str, name: str, entry: object, *, is_station: bool) -> Dock:
+def _dock(file: Path, where: str, name: str, entry: object) -> Dock:
     if not isinstance(entry, Mapping):
         raise _unfit(file, where, 'a mapping with pose', entry)
     pose = _pose(entry.get('pose'))
     if pose is None:
         raise _unfit(file, f'{where}.pose', 'x, y and yaw: m, m, rad', entry.get('pose'))
-    if is_station:
-        return Dock(name, pose)
     frame, kind = entry.get('frame', 'map'), entry.get('type')
     if not isinstance(kind, str) or not kind:
         raise _unfit(file, f'{where}.type', 'the name of a type of docks', kind)
@@ -77,14 +76,10 @@ def _dock(file: Path, where: str, name: str, entry: object, *, is_station: bool)
 
 
 def _pose(value: Any) -> Pose | None:
-    """Of three numbers; a world file may leave the heading out."""
-    if not isinstance(value, list) or len(value) not in (2, 3):
+    if not isinstance(value, list) or len(value) != 3:
         return None
-    if not all(isinstance(one, int | float) and not isinstance(one, bool) and abs(one) < math.inf for one in value):
-        return None
-    x, y, yaw = (*value, 0.0)[:3]
-    pose = Pose(float(x), float(y), float(yaw)) if max(map(abs, value)) < 1e9 else None
-    return pose if pose is not None and pose.is_place else None
+    pose = Pose(*(math.nan if (number := finite_number(one)) is None else number for one in value))
+    return pose if pose.is_place else None
 
 
 def _unfit(file: Path, where: str, expected: str, value: object) -> DockError:

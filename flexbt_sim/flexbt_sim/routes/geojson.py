@@ -8,12 +8,11 @@ A node is a feature with a Point: ``id``, ``frame`` (of the coordinates; map whe
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_core.values import read_text, shown
+from flexbt_core.values import load_json, read_text, shown
 from flexbt_sim.errors import GraphError
 from flexbt_sim.world import FARTHEST
 
@@ -66,10 +65,9 @@ class _Feature:
 def _features(file: Path) -> Iterator[tuple[_Feature, str, Mapping[str, Any]]]:
     """Each feature with the type of its geometry and its properties."""
     try:
-        collection = json.loads(read_text(file, MOST_BYTES))
+        collection = load_json(read_text(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
-        reason = ' '.join(str(error).split())[:200] or type(error).__name__
-        raise GraphError(file, '', f'cannot be read: {reason}; give a GeoJSON file of nodes and edges') from error
+        raise GraphError.unreadable(file, error, 'a GeoJSON file of nodes and edges') from error
     features = collection.get('features') if isinstance(collection, dict) else None
     if not isinstance(features, list):
         raise GraphError(file, 'features', 'expected a list: the file is no GeoJSON FeatureCollection')

@@ -28,7 +28,7 @@ from flexbt_sim.docking import (
     velocity_to,
 )
 from flexbt_sim.docking.motions import RETRIES
-from flexbt_sim.errors import DockError, NavigationError
+from flexbt_sim.errors import DockError, NavigationError, WorldError
 from flexbt_sim.navigation import STOP, Velocity
 from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, wrap
 
@@ -301,8 +301,8 @@ def test_docks_are_read_as_nav2_reads_them_and_stations_of_a_world_file_are_dock
         'shelf': Dock('shelf', Pose(1.0, 2.0, 1.57), 'map', 'shelf'),
     }
     world = tmp_path / 'world.yaml'
-    world.write_text('robots: {}\nstations:\n  west: {pose: [1.0, 2.0], reach: 0.2}\n')
-    assert load_docks(world) == {'west': Dock('west', Pose(1.0, 2.0, 0.0))}
+    world.write_text('robots: {}\nstations:\n  west: {pose: [1.0, 2.0, 0.5], reach: 0.2}\n')
+    assert load_docks(world) == {'west': Dock('west', Pose(1.0, 2.0, 0.5))}
 
 
 @pytest.mark.parametrize(
@@ -319,6 +319,8 @@ def test_docks_are_read_as_nav2_reads_them_and_stations_of_a_world_file_are_dock
         ('docks: {a: {type: x, pose: [0, .nan, 0]}}', 'docks.a.pose'),
         ('docks: {a: {type: x, pose: [0, yes, 0]}}', 'docks.a.pose'),
         ('docks: {a: {type: x, pose: [0, 1.0e+300, 0]}}', 'docks.a.pose'),
+        ('docks: {a: {type: x, pose: [0, 0]}}', 'docks.a.pose'),
+        ('docks: {a: {type: x, pose: [0, ' + '9' * 400 + ', 0]}}', 'docks.a.pose'),
         ('docks: {a: {type: x, pose: [0, 0, 0], frame: 3}}', 'docks.a.frame'),
     ],
 )
@@ -329,6 +331,14 @@ def test_what_is_no_database_is_refused(tmp_path: Path, text: str, said: str) ->
         load_docks(file)
     assert said in str(raised.value)
     assert str(file) in str(raised.value)
+
+
+def test_a_world_file_is_read_as_the_simulator_reads_it(tmp_path: Path) -> None:
+    file = tmp_path / 'world.yaml'
+    file.write_text('seed: 3\nstations:\n  west: {pose: [1.0, 2.0]}\n')
+    with pytest.raises(WorldError) as raised:
+        load_docks(file)
+    assert str(raised.value).startswith(f'{file}:3:10: stations.west.pose: expected a list of 3 numbers')
 
 
 def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ them.
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import types
 import typing
@@ -16,7 +15,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
-from flexbt_core.values import hint, one_line, shown
+from flexbt_core.values import finite_number, hint, one_line, shown
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane import FARTHEST, MAX_CORNERS, Circle, Polygon, Pose, Shape, box
 
@@ -174,7 +173,7 @@ _SCALARS: Final = {bool: 'true or false', int: 'a whole number', float: 'a numbe
 
 
 def _scalar(kind: Any, value: Any, path: Path, problems: list[Problem]) -> Any:
-    if kind is float and (number := _number(value)) is not None:
+    if kind is float and (number := finite_number(value)) is not None:
         return number
     if kind is not float and type(value) is kind:
         return value
@@ -182,17 +181,8 @@ def _scalar(kind: Any, value: Any, path: Path, problems: list[Problem]) -> Any:
     return None
 
 
-def _number(value: Any) -> float | None:
-    """A finite number, also one that YAML 1.1 takes for text, such as 1e-3."""
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
-
-
 def _numbers(value: Any, count: int, path: Path, problems: list[Problem], what: str = '') -> Any:
-    numbers = [_number(one) for one in value] if isinstance(value, list) else []
+    numbers = [finite_number(one) for one in value] if isinstance(value, list) else []
     if len(numbers) == count and None not in numbers:
         return tuple(numbers)
     problems.append(Problem(path, f'expected a list of {count} numbers{what}, got {shown(value)}'))
@@ -201,7 +191,7 @@ def _numbers(value: Any, count: int, path: Path, problems: list[Problem], what: 
 
 def _shape(value: Any, path: Path, problems: list[Problem]) -> Shape | None:
     """A number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
-    radius = _number(value)
+    radius = finite_number(value)
     try:
         if radius is not None:
             return Circle(radius)

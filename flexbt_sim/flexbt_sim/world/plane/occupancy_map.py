@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 from PIL import Image
 
-from flexbt_core.values import load_yaml, read_text, shown
+from flexbt_core.values import finite_number, load_yaml, one_line, read_text, shown
 from flexbt_sim.errors import MapError
 
 from . import loops
@@ -160,7 +160,7 @@ def load_map(file: Path) -> OccupancyMap:
             file, 'resolution', f'{resolution:g} m per pixel; expected {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g}'
         )
     origin = fields.get('origin')
-    numbers = [_finite(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
+    numbers = [finite_number(value) for value in origin] if isinstance(origin, list) and len(origin) == 3 else [None]
     if None in numbers:
         raise MapError(file, 'origin', f'expected [x, y, yaw] in m, m and rad, got {shown(origin)}')
     occupied = _number(file, fields, 'occupied_thresh')
@@ -203,7 +203,7 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
         if not isinstance(fields, dict):
             raise ValueError('image, resolution, origin and thresholds are missing')
     except (OSError, ValueError) as error:
-        raise MapError(file, '', f'cannot be read: {_line(error)}; give the YAML file of a map') from error
+        raise MapError.unreadable(file, error, 'the YAML file of a map') from error
     return fields
 
 
@@ -223,7 +223,9 @@ def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[
             grey = numpy.asarray(colours.convert('RGB').convert('L', (0.212656, 0.715158, 0.072186, 0.0)))
             return grey, numpy.asarray(colours.getchannel('A')) < 255
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise MapError(file, 'image', f'{image} cannot be read as PGM, PNG or BMP: {_line(error)}') from error
+        raise MapError(
+            file, 'image', f'{image} cannot be read as PGM, PNG or BMP: {one_line(str(error), 200)}'
+        ) from error
 
 
 def _require_file(path: Path) -> None:
@@ -233,20 +235,7 @@ def _require_file(path: Path) -> None:
 
 
 def _number(file: Path, fields: Mapping[str, Any], name: str) -> float:
-    number = _finite(fields.get(name))
+    number = finite_number(fields.get(name))
     if number is None:
         raise MapError(file, name, f'expected a number, got {shown(fields.get(name))}')
     return number
-
-
-def _finite(value: Any) -> float | None:
-    """A finite number, also one that YAML 1.1 takes for text, such as the 1e-16 that map_saver writes."""
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _line(error: Exception) -> str:
-    return ' '.join(str(error).split())[:200]
