@@ -41,8 +41,14 @@ def test_it_is_a_node_as_long_as_it_is_there() -> None:
 
         part = host.call(lambda: ManagedPart(host, 'deeper/amcl'))
         wait_until(lambda: ('amcl', '/robot1/deeper') in names_and_namespaces(), names_and_namespaces)
-        services = runtime.node.get_service_names_and_types_by_node('amcl', '/robot1/deeper')
-        assert ('/robot1/deeper/amcl/get_state', ['lifecycle_msgs/srv/GetState']) in services
+
+        def services() -> list[tuple[str, list[str]]]:
+            found: list[tuple[str, list[str]]] = runtime.node.get_service_names_and_types_by_node(
+                'amcl', '/robot1/deeper'
+            )
+            return found
+
+        wait_until(lambda: ('/robot1/deeper/amcl/get_state', ['lifecycle_msgs/srv/GetState']) in services(), services)
         assert LifecycleClient(runtime, '/robot1/deeper/amcl').state() == 'active'
         host.call(part.close)
         wait_until(lambda: ('amcl', '/robot1/deeper') not in names_and_namespaces(), names_and_namespaces)
