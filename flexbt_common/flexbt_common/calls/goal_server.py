@@ -148,7 +148,7 @@ class ServedGoal:
 
 
 class GoalServer:
-    """Serves one action. Made and used on the executor thread.
+    """Serves one action. Made and used on the executor thread; closed with the runtime, unless it was before.
 
     ``on_goal(goal)`` is called with each goal, which is accepted and shown as executing; it, or what it sets going, has
     to end the goal. When it raises, the fault is reported and the goal aborted. That the client wants the goal canceled
@@ -196,9 +196,11 @@ class GoalServer:
         self._server.on_end = self._goals.pop
         self._fault = GoalFault()
         runtime.once(goal_servers, _no_servers)[name] = self
+        runtime.on_close(self._close_at_end)
 
     def close(self) -> None:
         """Take the server out of the graph. Goals that have not ended get no result."""
+        self._runtime.cancel_on_close(self._close_at_end)
         self._runtime.once(goal_servers, _no_servers).pop(self._name, None)
         self._server.close()
 
@@ -230,6 +232,9 @@ class GoalServer:
             if goal.active:
                 self._withdraw(goal)
             end(goal.as_accepted(), self._action_type.Result())
+
+    def _close_at_end(self) -> None:
+        self._runtime.call(self.close)
 
     def _admit(self, _request: Any) -> GoalResponse:
         refusal = self.admission.refusal or self._fault.refusal

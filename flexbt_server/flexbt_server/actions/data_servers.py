@@ -38,27 +38,19 @@ class DataServers:
         self._boards = boards
         self._reader = reader
         self._on_write = on_write
-        servers = [
+        for action, name, answer in (
+            (BtGetData, names.BT_GET_DATA, self._get),
+            (BtSetData, names.BT_SET_DATA, self._set),
+        ):
             GoalServer(
                 runtime,
                 action,
                 name,
                 self._serve(action, answer),
-                refused=refused,
+                refused=functools.partial(_refused, action),
                 admission=admission,
                 cancelable=False,
             )
-            for action, name, answer, refused in (
-                (BtGetData, names.BT_GET_DATA, self._get, functools.partial(_refused, BtGetData)),
-                (BtSetData, names.BT_SET_DATA, self._set, functools.partial(_refused, BtSetData)),
-            )
-        ]
-
-        def close() -> None:
-            for server in servers:
-                server.close()
-
-        runtime.on_close(lambda: runtime.call(close))
 
     def _serve(self, action: Any, answer: Callable[[Any], Any]) -> Callable[[ServedGoal], None]:
         def serve(goal: ServedGoal) -> None:

@@ -39,7 +39,7 @@ class ExecuteServer:
         def serve(served: ServedGoal) -> None:
             goals.serve(_ExecuteGoal(served, runtime.clock.now(), default_tree, boards))
 
-        server = GoalServer(
+        GoalServer(
             runtime,
             BtExecute,
             names.BT_EXECUTOR,
@@ -49,7 +49,6 @@ class ExecuteServer:
             most=MOST_RUNS,
             admission=admission,
         )
-        runtime.on_close(lambda: runtime.call(server.close))
 
 
 class _ExecuteGoal(TreeGoal):

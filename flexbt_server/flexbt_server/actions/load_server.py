@@ -31,7 +31,7 @@ class LoadServer:
         self._store = store
         self._reader = reader
         # A goal that is to be canceled ends at the next file.
-        server = GoalServer(
+        GoalServer(
             runtime,
             BtLoad,
             names.BT_LOADER,
@@ -40,7 +40,6 @@ class LoadServer:
             most=MOST_LOADS,
             admission=admission,
         )
-        runtime.on_close(lambda: runtime.call(server.close))
 
     def _serve(self, goal: ServedGoal) -> None:
         request = goal.request

@@ -77,10 +77,7 @@ class Navigator:
         self._board = boards.get(name)  # held, so that it stays
         self._runtime = runtime
         self._goals = goals
-        server = GoalServer(
-            runtime, self.action_type, name, self._serve, on_cancel, most=MOST_GOALS, admission=admission
-        )
-        runtime.on_close(lambda: runtime.call(server.close))
+        GoalServer(runtime, self.action_type, name, self._serve, on_cancel, most=MOST_GOALS, admission=admission)
 
     def _serve(self, served: ServedGoal) -> None:
         self._goals.serve(NavigatorGoal(self, served, self._runtime.clock.now()))

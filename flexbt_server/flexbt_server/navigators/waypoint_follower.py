@@ -65,10 +65,9 @@ class WaypointFollower:
         self._settings = _Settings(runtime, link, stop_on_failure, pause, server_timeout, cancel_timeout)
         self._tour: _Tour | None = None
         self._admission = GoalAdmission(names.WAYPOINT_FOLLOWER, refusal)
-        server = GoalServer(
+        GoalServer(
             runtime, FollowWaypoints, names.FOLLOW_WAYPOINTS, self._serve, self._cancel, admission=self._admission
         )
-        runtime.on_close(lambda: runtime.call(server.close))
 
     def admit(self, refusal: str) -> None:
         """Refuse goals for this reason, which follows a subject, and end the one that is served; '' to let them in."""

@@ -78,8 +78,7 @@ class DockingServer:
             (DockRobot, names.DOCK_ROBOT, self._dock),
             (UndockRobot, names.UNDOCK_ROBOT, self._undock),
         ):
-            server = GoalServer(runtime, action_type, name, serve, arbiter.cancel, partial(_refused, action_type))
-            runtime.on_close(lambda server=server: runtime.call(server.close))  # type: ignore[misc]
+            GoalServer(runtime, action_type, name, serve, arbiter.cancel, partial(_refused, action_type))
 
     def show(self, dock: Pose, staging: Pose) -> None:
         """Publish both, for display."""

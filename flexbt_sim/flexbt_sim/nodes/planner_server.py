@@ -68,8 +68,7 @@ class PlannerServer:
 
             self._robot.when_known(goal, lambda: self._plan(goal, goals_of(goal.request), on_end))
 
-        server = GoalServer(self._runtime, action_type, name, serve)
-        self._runtime.on_close(lambda: self._runtime.call(server.close))
+        GoalServer(self._runtime, action_type, name, serve)
 
     def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnPathEnd) -> None:
         if goal.cancel_requested:

@@ -47,8 +47,7 @@ class SmootherServer:
         self._computation = Computation(runtime, 'the smoother')
         self._smoothed = runtime.node.create_publisher(Path, names.PLAN_SMOOTHED, 1)
         # A goal that is to be canceled ends when its path is smooth.
-        server = GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, self._serve)
-        runtime.on_close(lambda: runtime.call(server.close))
+        GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, self._serve)
 
     def _serve(self, goal: ServedGoal) -> None:
         self._robot.when_known(goal, lambda: self._smooth(goal))

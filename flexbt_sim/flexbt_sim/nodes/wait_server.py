@@ -33,8 +33,7 @@ class WaitServer:
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
         self._waiting: dict[bytes, _Waiting] = {}
-        server = GoalServer(runtime, Wait, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
-        runtime.on_close(lambda: runtime.call(server.close))
+        GoalServer(runtime, Wait, names.WAIT, self._serve, lambda goal: self._end(goal.id, CANCELED))
 
     def end_all(self, end: GoalEnd) -> None:
         """End every goal."""

@@ -93,8 +93,7 @@ class RouteServer:
             (ComputeAndTrackRoute, names.COMPUTE_AND_TRACK_ROUTE, self._track, self._cancel_tracking),
         )
         for action_type, name, serve, cancel in actions:
-            server = GoalServer(runtime, action_type, name, serve, cancel)
-            runtime.on_close(lambda server=server: runtime.call(server.close))  # type: ignore[misc]
+            GoalServer(runtime, action_type, name, serve, cancel)
 
     def end_all(self, end: GoalEnd) -> None:
         """End what goes on."""

@@ -161,8 +161,7 @@ class MotionServer:
         self._make = make
         self._feedback = feedback
         self._asked = asked
-        server = GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
-        runtime.on_close(lambda: runtime.call(server.close))
+        GoalServer(runtime, action_type, name, self._serve, arbiter.cancel)
 
     def _serve(self, goal: ServedGoal) -> None:
         def on_end(end: GoalEnd, seconds: float = 0.0) -> None:

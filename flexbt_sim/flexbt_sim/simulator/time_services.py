@@ -74,10 +74,7 @@ class TimeServices:
         node.create_service(ResetSimulation, '~/reset_simulation', answered(self._reset))
         node.create_service(StepSimulation, '~/step_simulation', self._step)
         self._goal: ServedGoal | None = None
-        steps = GoalServer(
-            runtime, SimulateSteps, f'{node.get_name()}/simulate_steps', self._simulate, self._cancel, _refused
-        )
-        runtime.on_close(lambda: runtime.call(steps.close))
+        GoalServer(runtime, SimulateSteps, f'{node.get_name()}/simulate_steps', self._simulate, self._cancel, _refused)
 
     @property
     def _state(self) -> int:
