@@ -20,6 +20,7 @@ from flexbt_sim.world import (
     FAULTS,
     MODELS,
     NAVIGATION_SERVERS,
+    TOPICS,
     Circle,
     DoorModel,
     ObstacleModel,
@@ -71,7 +72,7 @@ FAULT_LIST: Final = """\
 ## Faults
 
 An entry of the list `faults`; the same by the service `simulator/set_fault` and by `World.set_fault`. `parameters` are
-those of the fault, and may be left out.
+those of the fault, and may be left out. The log of the simulator tells when a fault begins, and when it is over.
 """
 SERVERS: Final = """\
 A `server` is one of {}.
@@ -80,6 +81,12 @@ These faults are carried out by the node `navigation` in the namespace of the ro
 topic `server_faults`. While there is none, `simulator/set_fault` refuses them: Nav2's own servers cannot be told to
 fail. Those of a world file wait for it. Each server can have each of them; clearing a name clears it for all servers.
 Of several of one server, a refusal is seen first, then the hang, then the failure.
+"""
+TOPIC_LIST: Final = """\
+A `topic` is one of {}.
+
+`cmd_vel` is what the robot is driven by, whatever the parameter `cmd_vel_topic` says. Each topic can have both faults;
+clearing a name clears it for all topics. The robot has to have what a topic comes from.
 """
 ENTITIES: Final = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
@@ -99,6 +106,7 @@ def page() -> str:
         whose = ' or a '.join(fault.entities)
         lines += [f'### `{fault.name}`', '', f'{doc(fault)} A fault of a {whose}, carried out by the {fault.by}.', '']
         lines += [*table(fault), ''] if keys_of(fault) else []
+    lines += ['### Topics', '', TOPIC_LIST.format(', '.join(f'`{name}`' for name in TOPICS))]
     lines += ['### Navigation servers', '', SERVERS.format(', '.join(f'`{name}`' for name in NAVIGATION_SERVERS))]
     return '\n'.join(lines).rstrip('\n') + '\n'
 

@@ -28,7 +28,7 @@ from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, run_node
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.intra_process import IntraProcessTopics
-from flexbt_sim.world import Entity, Pacer, Pose, Robot, prepare_world
+from flexbt_sim.world import Entity, Fault, Pacer, Pose, Robot, prepare_world
 
 from .computations import Computations
 from .door_services import DoorServices
@@ -65,6 +65,7 @@ class Simulator:
         self._steps = 0
         self._set_periods()
         self._robots: dict[str, RobotTopics] = {}
+        self._logged_faults = frozenset[Fault]()
         self._spawned: dict[str, str] = {}
         """What has come by service, and the namespace that was wanted."""
         self._map_servers: dict[str, MapServer] = {}
@@ -125,7 +126,7 @@ class Simulator:
 
     def _connect_robot(self, robot: Robot, namespace: str) -> None:
         """Make the topics of a robot that has come."""
-        commands = Commands(self._drive, self._initial_pose, self._grip)
+        commands = Commands(self._drive, self._initial_pose, self._grip, lambda: self.world.time)
         topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands, self._in_process)
         self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
         self._token.add_name(self._stands_in_for(namespace))
@@ -253,6 +254,14 @@ class Simulator:
         for topics in self._robots.values():
             topics.publish_server_faults()
 
+    def _log_faults(self) -> None:
+        """Say which faults have begun, and which are over."""
+        begun = self.world.begun_faults
+        for faults, what in ((begun - self._logged_faults, 'begins'), (self._logged_faults - begun, 'is over')):
+            for one in sorted(faults, key=lambda one: (one.begins, one.entity, one.parameters.slot)):
+                self.runtime.node.get_logger().warning(f'{one.entity}: {one.parameters} {what}')
+        self._logged_faults = begun
+
     def _tell_scene(self) -> None:
         """What somebody sees of the world, if it is not as it was, though time may stand still. Under the lock."""
         self._scene.tell(self.world, self.stamp())
@@ -334,6 +343,7 @@ class Simulator:
             self.world.step()
             self._steps += 1
             self._publish_faults()
+            self._log_faults()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:
@@ -345,9 +355,9 @@ class Simulator:
         if messages or is_single or self._steps % per_clock == 0:
             # First, so that no message is from the future.
             self._clock.publish(self._clock_bytes.filled(*stamp))
-        for _, publisher, message in messages:
+        for _, send, message in messages:
             with contextlib.suppress(InvalidHandle):  # the robot was removed at this moment
-                publisher.publish(message)
+                send(message)
         return True
 
     def _close(self) -> None:

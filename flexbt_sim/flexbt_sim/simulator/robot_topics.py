@@ -33,7 +33,7 @@ from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import faults_message
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.ros_messages import pose_of, transform
-from flexbt_sim.world import Battery, MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
+from flexbt_sim.world import TOPICS, Battery, MessagesDropped, MessagesLate, Pose, Robot, ServerFault, generator
 
 from .description import robot_description
 from .message_template import MessageTemplate, stamp_fields
@@ -54,19 +54,20 @@ COMPLAINT_SECONDS: Final = 5.0
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""
 
-Message = tuple[str, Any, Any]
-"""The topic by its relative name, its publisher, and the message or its bytes."""
+Message = tuple[str, Callable[[Any], object], Any]
+"""The topic by its relative name, what sends a message of it, and the message or its bytes."""
 
 
 @dataclass(frozen=True)
 class Commands:
     """What a robot is told: ``drive(robot, linear, angular)`` in m/s and rad/s, ``place(robot, pose)`` for an initial
-    pose, ``grip(robot, close)``, which gives the name of what was picked up or put down; the last two raise
-    SimulationError where that cannot be."""
+    pose, ``grip(robot, close)``, which gives the name of what was picked up or put down; these two raise
+    SimulationError where that cannot be. ``time()`` is the simulated time, s."""
 
     drive: Callable[[Robot, float, float], None]
     place: Callable[[Robot, Pose], None]
     grip: Callable[[Robot, bool], str]
+    time: Callable[[], float]
 
 
 class RobotTopics:
@@ -89,7 +90,7 @@ class RobotTopics:
         self._commands = commands
         self._in_process = in_process
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
-        self._late: deque[tuple[float, Message]] = deque()
+        self._late: dict[str, deque[tuple[float, Message]]] = {topic: deque() for topic in TOPICS}
         self._loss = generator(parameters.seed, robot.name, 'messages')
         self._told_at: Pose | None = None
         self._told_contact: bool | None = None
@@ -168,13 +169,17 @@ class RobotTopics:
 
     def _on_command(self, message: Any) -> None:
         """On any thread: that of who gives the command, where it is in this process."""
-        topic = self._parameters.cmd_vel_topic
-        if self._is_lost(topic):
+        if self._is_lost(names.CMD_VEL) or self._is_late((names.CMD_VEL, self._drive, message), self._commands.time()):
             return
+        self._drive(message)
+
+    def _drive(self, message: Any) -> None:
         command = message.twist if self._parameters.stamped_cmd_vel else message
         linear, angular = float(command.linear.x), float(command.angular.z)
         if not (math.isfinite(linear) and math.isfinite(angular)):
-            self._complain(f'{topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven: it stops')
+            self._complain(
+                f'{self._parameters.cmd_vel_topic}: {linear:g} m/s, {angular:g} rad/s cannot be driven: it stops'
+            )
         self._commands.drive(self.robot, linear, angular)
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -268,7 +273,7 @@ class RobotTopics:
             (robot.scan is not None and robot.scan.time > self._scan_time)
             or (self._bumper is not None and robot.in_contact != self._told_contact)
             or (self._holds is not None and robot.holds != self._told_holds)
-            or bool(self._late)
+            or any(self._late.values())
         )
 
     @property
@@ -291,23 +296,22 @@ class RobotTopics:
         ``moves``: odometry, pose and transforms are due.
         """
         made = chain(self._moves(now, stamp) if moves else (), self._sensed(stamp))
-        for message in made:
-            if not self._is_lost(message[0]):
-                late = self.robot.faults.get(MessagesLate.name)
-                if isinstance(late, MessagesLate) and late.topic == message[0]:
-                    self._late.append((now + late.delay, message))
-                else:
-                    yield message
-        while self._late and self._late[0][0] <= now:
-            yield self._late.popleft()[1]
+        yield from (one for one in made if not (self._is_lost(one[0]) or self._is_late(one, now)))
+        for queue in self._late.values():
+            while queue and queue[0][0] <= now:
+                yield queue.popleft()[1]
 
     def _is_lost(self, topic: str) -> bool:
-        dropped = self.robot.faults.get(MessagesDropped.name)
-        return (
-            isinstance(dropped, MessagesDropped)
-            and dropped.topic == topic
-            and bool(self._loss.random() < dropped.probability)
-        )
+        dropped = self.robot.faults.get(MessagesDropped.slot_of(topic))
+        return isinstance(dropped, MessagesDropped) and bool(self._loss.random() < dropped.probability)
+
+    def _is_late(self, message: Message, now: float) -> bool:
+        """Whether it has to wait, for its delay or for those of its topic that do; :meth:`messages` has it then."""
+        late, queue = self.robot.faults.get(MessagesLate.slot_of(message[0])), self._late[message[0]]
+        due = max(now + late.delay if isinstance(late, MessagesLate) else now, queue[-1][0] if queue else now)
+        if due > now:
+            queue.append((due, message))
+        return due > now
 
     def _sensed(self, stamp: Stamp) -> Iterator[Message]:
         """After the pose: whoever drives answers that, and the world waits for the answer. The scan can be looked at
@@ -315,39 +319,39 @@ class RobotTopics:
         robot, scan = self.robot, self.robot.scan
         if self._bumper is not None and robot.in_contact != self._told_contact:
             self._told_contact = robot.in_contact
-            yield names.BUMPER, self._bumper, Bool(data=robot.in_contact)
+            yield names.BUMPER, self._bumper.publish, Bool(data=robot.in_contact)
         if self._holds is not None and robot.holds != self._told_holds:
             self._told_holds = robot.holds
-            yield names.GRIPPER_HOLDS, self._holds, String(data=robot.holds)
-        if scan is not None and scan.time > self._scan_time and self.listens_to_scans:
+            yield names.GRIPPER_HOLDS, self._holds.publish, String(data=robot.holds)
+        if self._scan is not None and scan is not None and scan.time > self._scan_time and self.listens_to_scans:
             self._scan_time = scan.time
             self._scan_bytes.fill_array(scan.ranges)
-            yield names.SCAN, self._scan, self._scan_bytes.filled(*stamp)
+            yield names.SCAN, self._scan.publish, self._scan_bytes.filled(*stamp)
 
     def _moves(self, now: float, stamp: Stamp) -> Iterator[Message]:
         robot = self.robot
         if self._odom.get_subscription_count():
             filled = self._odometry_bytes.filled(*stamp, *_place(robot.odometry), robot.linear, robot.angular)
-            yield names.ODOM, self._odom, filled
+            yield names.ODOM, self._odom.publish, filled
         is_localized = self._amcl.is_active
         estimate = robot.estimate
         if is_localized:
-            yield names.POSE, self._pose, self._pose_bytes.filled(*stamp, *_place(estimate))
+            yield names.POSE, self._pose.publish, self._pose_bytes.filled(*stamp, *_place(estimate))
         if self._tf.get_subscription_count():
             moved = (*stamp, *_place(robot.odometry))
             if is_localized:
                 filled = self._tf_bytes[0].filled(*stamp, *_place(robot.map_to_odom), *moved)
             else:
                 filled = self._tf_bytes[1].filled(*moved)
-            yield names.TF, self._tf, filled
+            yield names.TF, self._tf.publish, filled
         if is_localized and self._has_moved(estimate):
             self._told_at = estimate
-            yield names.AMCL_POSE, self._amcl_pose, self._amcl_message(estimate, stamp)
+            yield names.AMCL_POSE, self._amcl_pose.publish, self._amcl_message(estimate, stamp)
         if robot.battery is not None and now >= self._battery_due:
             self._battery_due = now + BATTERY_PERIOD
             for topic, publisher in self._batteries.items():
                 if publisher.get_subscription_count():
-                    yield topic, publisher, self._battery_message(robot.battery, stamp)
+                    yield topic, publisher.publish, self._battery_message(robot.battery, stamp)
 
     def restart(self, robot: Robot) -> None:
         """The world has begun anew, and so has its robot, which is of the same model."""
@@ -356,7 +360,8 @@ class RobotTopics:
         self._told_at = self._told_contact = self._told_holds = self._told_faults = None
         self._battery_due = 0.0
         self._scan_time = -math.inf
-        self._late.clear()
+        for queue in self._late.values():
+            queue.clear()
 
     def _has_moved(self, estimate: Pose) -> bool:
         last = self._told_at

@@ -111,7 +111,7 @@ class Robot(Body):
         self._wanted = (0.0, 0.0)
         self._until = -math.inf
         self._error = Pose(0.0, 0.0, 0.0)
-        self._correction: Pose | None = None
+        self._correction = self._by_map if self.in_shadow else None
 
     def command(self, linear: float, angular: float, now: float) -> None:
         """Take a velocity command, m/s and rad/s, at a simulated time in s.
@@ -145,11 +145,19 @@ class Robot(Body):
     # -- localization ------------------------------------------------------------------------------------------------
 
     @property
+    def _by_map(self) -> Pose:
+        """The transform from the frame map to the frame odom that is right now."""
+        return compose(self.pose, inverse(self.odometry))
+
+    @property
+    def _tracked(self) -> Pose:
+        """The pose that the localization would have without its error: in a sensor shadow by odometry alone."""
+        return self.pose if self._correction is None else compose(self._correction, self.odometry)
+
+    @property
     def map_to_odom(self) -> Pose:
         """The transform from the frame map to the frame odom, as the localization has it."""
-        if self._correction is not None:
-            return self._correction
-        return compose(compose(self._error, self.pose), inverse(self.odometry))
+        return compose(compose(self._error, self._tracked), inverse(self.odometry))
 
     @property
     def estimate(self) -> Pose:
@@ -160,9 +168,9 @@ class Robot(Body):
         """Tell the localization where the robot is (initialpose); whether it finds the robot from there."""
         distance, turn = CONVERGENCE
         found = pose.distance(self.pose) <= distance and abs(wrap(pose.yaw - self.pose.yaw)) <= turn
-        self._error = Pose(0.0, 0.0, 0.0) if found else compose(pose, inverse(self.pose))
-        if self._correction is not None:
+        if found and self._correction is not None:
             self._correction = compose(pose, inverse(self.odometry))
+        self._error = Pose(0.0, 0.0, 0.0) if found else compose(pose, inverse(self._tracked))
         return found
 
     # -- faults ------------------------------------------------------------------------------------------------------
@@ -174,7 +182,7 @@ class Robot(Body):
             there = self.estimate
             x, y, yaw = parameters.jump
             jumped = Pose(there.x + x, there.y + y, wrap(there.yaw + yaw))
-            self._error = compose(jumped, inverse(self.pose))
+            self._error = compose(jumped, inverse(self._tracked))
         if isinstance(parameters, BatteryLow) and self.battery is not None:
             self.battery.level = parameters.level
 
@@ -255,8 +263,9 @@ class Robot(Body):
     def _get_lost(self, duration: float) -> None:
         lost = self.faults.get(LocalizationLost.name)
         if isinstance(lost, LocalizationLost) and lost.drift:
-            there = compose(self._error, self.pose)
-            self._error = compose(Pose(there.x + lost.drift * duration, there.y, there.yaw), inverse(self.pose))
+            there = self.estimate
+            moved = Pose(there.x + lost.drift * duration, there.y, there.yaw)
+            self._error = compose(moved, inverse(self._tracked))
 
     def _move(self, surroundings: Surroundings, duration: float) -> None:
         linear, angular = self.linear, self.angular
@@ -302,7 +311,7 @@ class Robot(Body):
     def enter(self, zones: tuple[str, ...], speed_limit: float, forbidden: int, *, in_shadow: bool) -> None:
         """It is in these zones now; so many more that are no-go ones than before."""
         if in_shadow != self.in_shadow:
-            self._correction = self.map_to_odom if in_shadow else None
+            self._correction = self._by_map if in_shadow else None
         self.zones, self.speed_limit, self.in_shadow = zones, speed_limit, in_shadow
         self.violations += forbidden
 

@@ -173,6 +173,11 @@ class World:
         """Those that are there or to come, by entities."""
         return tuple(one for of_entity in self._faults.values() for one in of_entity.values())
 
+    @property
+    def begun_faults(self) -> frozenset[Fault]:
+        """Those that are there."""
+        return frozenset(self._begun)
+
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
         """The parameters of those that an entity has now, by their slots; whoever carries them out."""
         return {slot: one.parameters for slot, one in self._faults.get(entity, {}).items() if one in self._begun}
@@ -252,6 +257,9 @@ class World:
         del self._of_kind(entity)[name]
         self._begun.difference_update(self._faults.pop(name, {}).values())
         self._next_scan = 0.0
+        if isinstance(entity, Station | Zone):  # robots are in it no more, be it the last one
+            self._find_zones()
+            self._charge()
 
     def move(self, name: str, pose: Pose) -> None:
         """Put a robot, an obstacle, a station or a zone somewhere, at rest; what a robot holds is taken from it.
@@ -381,15 +389,18 @@ class World:
         """Bring a fault about: after a simulated time, s, and for a time, s; 0: until it is cleared.
 
         One in the same slot that the entity has, or will have, is over then: one of the same name, and, if it is that
-        of a server, of the same server.
+        of a server or a topic, of the same one.
 
         Raises:
             SimulationError: there is no such entity or fault, the one cannot have the other, or a value is wrong.
         """
         values = fault_parameters(fault, parameters or {})
-        kind = type(self._entity(entity)).__name__.lower()
+        one = self._entity(entity)
+        kind = type(one).__name__.lower()
         if kind not in values.entities:
             raise SimulationError(f"{fault}: '{entity}' is a {kind}; a {' or a '.join(values.entities)} can have it")
+        if isinstance(one, Robot) and values.part and not getattr(one.model, values.part):
+            raise SimulationError(f"{fault}: '{entity}' has no {values.part}")
         if not (0.0 <= after < math.inf and 0.0 <= duration < math.inf):
             raise SimulationError(f'{fault}: after {after:g} s for {duration:g} s; give times that are not negative')
         if (before := self._faults.get(entity, {}).get(values.slot)) is not None:

@@ -13,6 +13,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, Vec
 from nav2_msgs.srv import LoadMap
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMap
+from rcl_interfaces.msg import Log
 from rclpy.qos import qos_profile_sensor_data as LOSSY
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, LaserScan
@@ -445,12 +446,16 @@ def test_faults_come_and_go(bench: Bench) -> None:
     def fault(**fields: Any) -> Any:
         return bench.ask(SetFault, 'set_fault', **fields)
 
+    log = bench.listen(Log, '/rosout')
     heard = bench.listen(PoseStamped, '/alpha/pose')
     assert fault(entity='alpha', fault='localization_lost', parameters='jump: [1.0, 0.5, 0.0]').success
     wait_until(lambda: heard and pose_of(heard[-1].pose).distance(pose_of(pose((2.0, 1.5)).pose)) < 1e-6)
     assert bench.pose('alpha')[:2] == pytest.approx((1.0, 1.0))
     assert fault(entity='alpha', clear=True).success
     wait_until(lambda: pose_of(heard[-1].pose).distance(pose_of(pose((1.0, 1.0)).pose)) < 1e-6)
+    for what in ('begins', 'is over'):
+        text = f'alpha: localization_lost (jump: Pose((1.0, 0.5, 0.0)), drift: 0.0) {what}'
+        wait_until(lambda: text in [one.msg for one in log], lambda: log)  # noqa: B023
     assert fault(entity='alpha', fault='messages_dropped', parameters='topic: pose').success
     dropped = bench.simulator.world.time
     other = bench.listen(PoseStamped, '/beta/pose')
@@ -471,6 +476,19 @@ def test_faults_come_and_go(bench: Bench) -> None:
     ):
         answer = fault(**fields)
         assert not answer.success and says in answer.message, answer.message
+
+
+def test_late_commands_drive_late(bench: Bench) -> None:
+    robot = bench.simulator.world.robots['alpha']
+    drive = bench.publisher(Twist, '/alpha/cmd_vel')
+    assert bench.set_state(SimulationState.STATE_PAUSED) == Result.RESULT_OK
+    late = {'entity': 'alpha', 'fault': 'messages_late', 'parameters': '{topic: cmd_vel, delay: 1.0}'}
+    assert bench.ask(SetFault, 'set_fault', **late).success
+    began = bench.simulator.world.time
+    while not robot.is_driven(bench.simulator.world.time):
+        drive(Twist(linear=Vector3(x=0.2)))
+        assert bench.ask(StepSimulation, 'step_simulation', steps=1).result.result == Result.RESULT_OK
+    assert bench.simulator.world.time >= began + 1.0
 
 
 def test_a_door_is_opened_and_jams_and_a_spawned_one_has_a_service(bench: Bench) -> None:

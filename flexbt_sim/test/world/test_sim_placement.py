@@ -155,7 +155,7 @@ def test_work_is_in_proportion_to_how_many_have_faults() -> None:
         def run() -> None:
             for number in range(count):
                 world.set_fault(f'robot{number}', 'stuck_wheel', after=1.0)
-                world.set_fault(f'robot{number}', 'lidar_frozen')
+                world.set_fault(f'robot{number}', 'localization_lost')
                 world.set_fault(f'robot{number}', 'stuck_wheel', after=2.0)
             world.snapshot()
             for number in range(count):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy
@@ -17,10 +18,12 @@ from flexbt_sim.world import (
     DoorModel,
     LidarModel,
     ObstacleModel,
+    OdometryModel,
     Pose,
     Robot,
     RobotModel,
     World,
+    ZoneModel,
     box,
     fault_parameters,
 )
@@ -91,6 +94,34 @@ def test_an_initial_pose_near_where_it_is_finds_it_and_another_one_does_not() ->
     assert tuple(robot.estimate) == pytest.approx((-3.0, 0.0, 1.0))
     drive(world, robot, 1.0)
     assert robot.estimate.y > 0.1  # it drives on from where it thinks that it is
+
+
+def test_in_a_sensor_shadow_the_localization_goes_by_odometry_and_is_lost_found_and_put_right_as_elsewhere() -> None:
+    world = World()
+    drifting = replace(MODELS['waffle'], odometry=OdometryModel(scale=1.1))
+    robot: Robot = world.add('alpha', drifting, Pose(0.0, 0.0, 0.0))
+    world.add('glare', ZoneModel(kind='sensor_shadow', area=box(60.0, 60.0)))
+
+    def error() -> tuple[float, float, float]:
+        return tuple(numpy.subtract(robot.estimate, robot.pose).tolist())
+
+    drive(world, robot, 5.0)
+    blind = error()
+    assert blind[0] == pytest.approx(0.1, abs=0.01)
+    world.set_fault('alpha', 'localization_lost', {'jump': [0.0, 2.0, 0.0], 'drift': 0.5}, duration=1.0)
+    assert error() == pytest.approx((blind[0], 2.0, 0.0))
+    drive(world, robot, 0.9, 0.0)
+    assert error() == pytest.approx((blind[0] + 0.45, 2.0, 0.0), abs=0.03)
+    drive(world, robot, 0.2, 0.0)
+    assert error() == pytest.approx(blind, abs=0.01)
+    assert robot.localize(robot.pose)
+    assert error() == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    world.move('alpha', Pose(-5.0, 0.0, 0.0))
+    assert error() == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    drive(world, robot, 5.0)
+    assert error() == pytest.approx(blind, abs=0.01)
+    world.remove('glare')
+    assert error() == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_a_frozen_lidar_tells_the_same_with_a_new_time() -> None:
@@ -170,15 +201,19 @@ def test_faults_that_nodes_carry_out_are_told_to_them() -> None:
     world.set_fault('alpha', 'server_fails', {'server': 'follow_path', 'error_code': 105})
     told = world.active_faults('alpha')
     assert told == {
-        'messages_dropped': fault_parameters('messages_dropped', {'topic': 'scan', 'probability': 0.5}),
+        'messages_dropped of scan': fault_parameters('messages_dropped', {'topic': 'scan', 'probability': 0.5}),
         'server_fails of follow_path': fault_parameters('server_fails', {'server': 'follow_path', 'error_code': 105}),
     }
     world.step(1.5)
     assert list(world.active_faults('alpha')) == ['server_fails of follow_path']
 
 
-def test_each_server_can_have_a_fault() -> None:
+def test_each_server_and_each_topic_can_have_a_fault() -> None:
     world, robot = alone()
+    for topic in ('scan', 'odom', 'scan'):
+        world.set_fault('alpha', 'messages_dropped', {'topic': topic})
+    assert list(robot.faults) == ['messages_dropped of odom', 'messages_dropped of scan']
+    assert world.clear_fault('alpha', 'messages_dropped') == 2
     for server, code in (('spin', 0), ('wait', 0), ('spin', 701)):
         world.set_fault('alpha', 'server_fails', {'server': server, 'error_code': code})
     had = {one.slot: getattr(one, 'error_code', None) for one in world.active_faults('alpha').values()}
@@ -194,6 +229,11 @@ def test_each_server_can_have_a_fault() -> None:
         ('alpha', 'door_jammed', {}, (0.0, 0.0), "'alpha' is a robot; a door can have it"),
         ('alpha', 'stuck_wheel', {'wheel': 'left'}, (0.0, 0.0), 'wheel: there is no such key'),
         ('alpha', 'battery_low', {'level': 2.0}, (0.0, 0.0), 'level: 2 is not within 0 to 1'),
+        ('alpha', 'messages_late', {'topic': 'scna'}, (0.0, 0.0), "topic: 'scna' is none of amcl_pose, battery_state"),
+        ('alpha', 'messages_dropped', {'topic': 'bumper'}, (0.0, 0.0), "'alpha' has no bumper"),
+        ('bare', 'messages_dropped', {}, (0.0, 0.0), "'bare' has no lidar"),
+        ('bare', 'lidar_frozen', {}, (0.0, 0.0), "'bare' has no lidar"),
+        ('bare', 'battery_low', {}, (0.0, 0.0), "'bare' has no battery"),
         ('alpha', 'stuck_wheel', {}, (-1.0, 0.0), 'give times that are not negative'),
         ('alpha', 'stuck_wheel', {}, (0.0, math.inf), 'give times that are not negative'),
     ],
@@ -202,6 +242,7 @@ def test_what_cannot_be_is_refused(
     entity: str, fault: str, parameters: Mapping[str, Any], times: tuple[float, float], message: str
 ) -> None:
     world, _ = alone()
+    world.add('bare', RobotModel(lidar=None), Pose(-5.0, 0.0, 0.0))
     with pytest.raises(SimulationError, match=message):
         world.set_fault(entity, fault, parameters, *times)
     assert world.faults == ()

@@ -461,6 +461,33 @@ def test_zones_hold_count_and_blind() -> None:
     assert numpy.isfinite(robot.scan.ranges).any()
 
 
+def test_what_was_in_a_zone_or_a_station_is_not_any_more_when_that_is_removed_or_replaced() -> None:
+    world = World()
+    robot = world.add('alpha', MODELS['waffle'], Pose(0.0, 0.0, 0.0))
+    mud = ZoneModel(kind='slow', area=Circle(9.0), speed=0.01)
+
+    def speed() -> float:
+        for _ in range(10):
+            robot.command(0.2, 0.0, world.time)
+            world.step()
+        return float(robot.linear)
+
+    world.add('mud', mud)
+    assert speed() == pytest.approx(0.01)
+    world.remove('mud')
+    world.add('mud', replace(mud, speed=0.1))
+    assert speed() == pytest.approx(0.1)
+    world.remove('mud')
+    assert speed() == pytest.approx(0.2)
+    robot.command(0.0, 0.0, world.time)
+    world.step(1.0)
+    world.add('dock', StationModel(pose=robot.pose))
+    world.step()
+    assert robot.battery.is_charging
+    world.remove('dock')
+    assert not robot.battery.is_charging
+
+
 def test_a_battery_drains_stops_the_robot_and_is_charged() -> None:
     world = World()
     model = replace(MODELS['burger'], battery=BatteryModel(capacity=0.01, idle=5.0, driving=10.0))

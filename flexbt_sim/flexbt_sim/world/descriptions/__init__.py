@@ -4,6 +4,7 @@
 from .faults import (
     FAULTS,
     NAVIGATION_SERVERS,
+    TOPICS,
     BatteryLow,
     Fault,
     FaultModel,
@@ -48,6 +49,7 @@ __all__ = [
     'NAVIGATION_SERVERS',
     'SECTIONS',
     'STEP',
+    'TOPICS',
     'BatteryLow',
     'BatteryModel',
     'DoorModel',

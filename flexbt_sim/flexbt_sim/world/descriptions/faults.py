@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from flexbt_core.values import hint
+from flexbt_core.values import hint, shown
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.plane import Pose
 
-from .specification import Problem, Specification, key, names, read
+from .specification import Problem, Specification, key, keys_of, names, read
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,22 @@ class FaultModel(Specification):
     name: ClassVar[str]
     entities: ClassVar[tuple[str, ...]] = ('robot',)
     by: ClassVar[str] = 'world'
+    needs: ClassVar[str] = ''
+
+    @property
+    def part(self) -> str:
+        """What of its model an entity has to have for it; '' for nothing."""
+        return self.needs
 
     @property
     def slot(self) -> str:
         """What an entity has one of at a time: another fault with the same takes its place."""
         return self.name
+
+    def __str__(self) -> str:
+        """For people, on one line: ``stuck_wheel (side: 'left')``."""
+        values = names(f'{name}: {shown(getattr(self, name))}' for name in keys_of(type(self)))
+        return f'{self.name} ({values})' if values else self.name
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,7 @@ class LidarFrozen(FaultModel):
     """Each scan is a copy of the last one before the fault, with a new time."""
 
     name: ClassVar[str] = 'lidar_frozen'
+    needs: ClassVar[str] = 'lidar'
 
 
 @dataclass(frozen=True)
@@ -58,6 +70,7 @@ class LidarBlinded(FaultModel):
     """Beams in a direction return nothing, as in glare."""
 
     name: ClassVar[str] = 'lidar_blinded'
+    needs: ClassVar[str] = 'lidar'
     direction: float = key('the middle of it; 0 is straight ahead', 0.0, unit='rad', low=-math.pi, high=math.pi)
     width: float = key('how wide it is; 2 pi for all beams', math.tau, unit='rad', low=0.0, high=math.tau)
 
@@ -67,6 +80,7 @@ class BatteryLow(FaultModel):
     """The battery falls to a level at once. It does not come back at the end of the fault."""
 
     name: ClassVar[str] = 'battery_low'
+    needs: ClassVar[str] = 'battery'
     level: float = key('what is left, of 1', 0.1, low=0.0, high=1.0)
 
 
@@ -78,23 +92,49 @@ class DoorJammed(FaultModel):
     entities: ClassVar[tuple[str, ...]] = ('door',)
 
 
+TOPICS: Final[Mapping[str, str]] = {
+    'amcl_pose': '', 'battery_state': 'battery', 'battery_status': 'battery', 'bumper': 'bumper', 'cmd_vel': '',
+    'gripper_holds': 'gripper', 'odom': '', 'pose': '', 'scan': 'lidar', 'tf': '',
+}  # fmt: skip
+"""The topics of a robot whose messages may be lost or late, each with what of its model the robot has to have."""
+
+
 @dataclass(frozen=True)
-class MessagesDropped(FaultModel):
+class MessagesFault(FaultModel):
+    """Base of the faults of a topic of the robot."""
+
+    by: ClassVar[str] = 'simulator'
+    topic: str = key('its name in the namespace of the robot', 'scan', choices=tuple(TOPICS))
+
+    @classmethod
+    def slot_of(cls, topic: str) -> str:
+        """Each topic can have it."""
+        return f'{cls.name} of {topic}'
+
+    @property
+    def slot(self) -> str:
+        """That of its topic."""
+        return self.slot_of(self.topic)
+
+    @property
+    def part(self) -> str:
+        """What the topic comes from."""
+        return TOPICS[self.topic]
+
+
+@dataclass(frozen=True)
+class MessagesDropped(MessagesFault):
     """Messages of a topic of the robot are lost."""
 
     name: ClassVar[str] = 'messages_dropped'
-    by: ClassVar[str] = 'simulator'
-    topic: str = key('its name, relative to the namespace of the robot', 'scan')
     probability: float = key('of each to be lost', 1.0, low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
-class MessagesLate(FaultModel):
+class MessagesLate(MessagesFault):
     """Messages of a topic of the robot arrive late, in their order."""
 
     name: ClassVar[str] = 'messages_late'
-    by: ClassVar[str] = 'simulator'
-    topic: str = key('its name, relative to the namespace of the robot', 'scan')
     delay: float = key('by how much, of simulated time', 0.5, unit='s', low=0.0, high=60.0)
 
 

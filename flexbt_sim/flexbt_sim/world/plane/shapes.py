@@ -52,7 +52,9 @@ class Polygon:
     def __post_init__(self) -> None:
         sides = list(self.sides(Pose(0.0, 0.0, 0.0)))
         if len(sides) < 3 or not all(math.hypot(x, y) <= LARGEST for x, y in self.corners):
-            raise SimulationError(f'a polygon has 3 corners or more, at most {LARGEST:g} m from the origin')
+            raise SimulationError(
+                f'a polygon has 3 corners or more, at most {LARGEST:g} m from its origin: a pose says where that is'
+            )
         if any(math.hypot(x1 - x0, y1 - y0) < SMALLEST for x0, y0, x1, y1 in sides):
             raise SimulationError(f'a polygon with a side of less than {SMALLEST:g} m')
         neighbours = {(i, (i + 1) % len(sides)) for i in range(len(sides))}
