@@ -49,16 +49,18 @@ class Scorer(Protocol):
 
 @dataclass
 class DynamicEdges:
-    """Edges that were closed, or made dearer, at run time: Nav2's DynamicEdgesScorer."""
+    """Edges that were closed, or made dearer, at run time: Nav2's DynamicEdgesScorer.
 
-    closed: set[int] = field(default_factory=set)
-    costs: dict[int, float] = field(default_factory=dict)
+    They may be adjusted while another thread scores: what that has begun with is replaced, not changed.
+    """
+
+    closed: frozenset[int] = frozenset()
+    costs: Mapping[int, float] = field(default_factory=dict)
 
     def adjust(self, closed: Iterable[int], opened: Iterable[int], costs: Mapping[int, float]) -> None:
         """Close edges, open edges, and give edges costs that are added to what they cost."""
-        self.closed.update(closed)
-        self.closed.difference_update(opened)
-        self.costs.update(costs)
+        self.closed = self.closed.union(closed).difference(opened)
+        self.costs = {**self.costs, **costs}
 
     def __call__(self, graph: RouteGraph, _request: RouteRequest) -> Costs:
         ids = graph.links.edge_ids

@@ -59,9 +59,9 @@ def find_route(
     check_time()
     # Nav2's search looks at all edges of a node that is nearer than the goal, also at those that lead back.
     is_met = (distances[links.starts] < distances[last]) | ((links.starts == first) & (first != last))
-    met = is_wrong & is_met
-    for index in numpy.flatnonzero(met):
-        edge = graph.edges[index]
+    met = numpy.flatnonzero(is_wrong & is_met)
+    if met.size:
+        edge = graph.edges[met[0]]
         raise NavigationError(
             'NO_VALID_GRAPH', f'edge {edge.id} has the cost {edge.cost:g}, which nothing overrides; give more'
         )

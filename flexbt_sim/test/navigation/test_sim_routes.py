@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy
 import pytest
@@ -92,6 +93,22 @@ def test_no_route_is_cheaper_and_none_is_missed(graph: RouteGraph, data: st.Data
         assert (ids(found)[0], ids(found)[-1]) == (start, goal)
         assert all(before.end is after.start for before, after in pairwise(found.edges))
         assert not dynamic.closed & {edge.id for edge in found.edges}
+
+
+def test_edges_may_be_adjusted_while_another_thread_scores() -> None:
+    """The service does that while a route is looked for; here each time that an edge is looked at."""
+    dynamic, more = DynamicEdges(), iter(range(1000, 1010))
+
+    class Ids(numpy.ndarray):
+        def __eq__(self, other: object) -> Any:
+            dynamic.adjust([next(more)], [100], {next(more): 1.0})
+            return numpy.asarray(self) == other
+
+    dynamic.adjust([100], [], {101: 2.0, 102: 3.0})
+    square = RouteGraph(SQUARE.nodes, SQUARE.edges)
+    square.links.edge_ids = square.links.edge_ids.view(Ids)
+    assert dynamic(square, RouteRequest(SQUARE.nodes[1], SQUARE.nodes[3])).tolist() == [0.0, 2.0, 3.0, 0.0, 0.0]
+    assert dynamic.closed == {1000, 1002} and set(dynamic.costs) == {101, 102, 1001, 1003}
 
 
 def test_what_is_blocked_is_not_used_be_it_an_edge_or_a_node() -> None:
