@@ -62,7 +62,7 @@ def _words(before: list[str], last: str, view: View) -> Iterable[str]:
 
 
 def _after(spec: CommandSpec, given: list[str], last: str, view: View) -> Iterable[str]:
-    return next_words(spec, given, last, [option for option in spec.options if option.in_prompt], view)[0]
+    return next_words(spec, given, last, spec.prompt_options, view)[0]
 
 
 def next_words(

@@ -72,7 +72,7 @@ def prompt_help(leaving: str) -> list[str]:
 
 def prompt_command_help(spec: CommandSpec) -> list[str]:
     """The help of one command at the interactive prompt."""
-    return _help_of(spec, spec.prompt_usage, tuple(option for option in spec.options if option.in_prompt))
+    return _help_of(spec, spec.prompt_usage, spec.prompt_options)
 
 
 def _help_of(spec: CommandSpec, usage: str, options: tuple[Option, ...]) -> list[str]:

@@ -131,7 +131,7 @@ COMMANDS: Final = (
     CommandSpec(
         'map',
         'show the map: walls, places, the plan, and where the robot is',
-        Ask(showing.map_of_robot),
+        Ask(showing.map_of_robot, is_map=True),
         options=(
             Option('--png', 'write an image into this file instead', 'FILE', in_prompt=False),
             Option(

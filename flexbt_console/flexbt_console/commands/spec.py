@@ -209,9 +209,10 @@ class NobodyAsked:
 
 class Ask(NamedTuple):
     """The command asks the robot, and waits for what it says: so many seconds, or longer, and then it tells lines
-    meanwhile. Not on the executor thread."""
+    meanwhile. Not on the executor thread. ``is_map``: what it shows is the map, which some can show as an image."""
 
     ask: Callable[[CommandLine, AskedRobot, float, Callable[[str], None]], Shown]
+    is_map: bool = False
 
 
 class Mode(Enum):
@@ -258,7 +259,17 @@ class CommandSpec:
     @property
     def prompt_usage(self) -> str:
         """How it is written at the interactive prompt."""
-        return self._usage(tuple(option for option in self.options if option.in_prompt))
+        return self._usage(self.prompt_options)
+
+    @property
+    def prompt_options(self) -> tuple[Option, ...]:
+        """The options that mean something at the interactive prompt."""
+        return tuple(option for option in self.options if option.in_prompt)
+
+    @property
+    def options_hint(self) -> str:
+        """What these are, in a line: for a form that has a field for them."""
+        return '; '.join(f'{option.usage}: {option.help}' for option in self.prompt_options)
 
     def _usage(self, options: tuple[Option, ...]) -> str:
         shown = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in options]

@@ -523,6 +523,8 @@ def test_a_form_gives_input_userdata_to_a_behavior() -> None:
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         await pilot.press('s', 'enter')
+        shown = text_of(app)
+        assert all(one.usage in shown for spec in COMMANDS if spec.name == 'start' for one in spec.prompt_options)
         options = '--input "goal=geometry_msgs/PoseStamped:1 2 0" --autonomy low'
         await pilot.press('tab', 'tab', *options, 'enter')
         (start,) = robot.link.sent

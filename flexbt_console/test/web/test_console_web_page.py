@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
+from flexbt_console.commands import COMMANDS
 from flexbt_console.mirror import (
     ActiveState,
     Behavior,
@@ -358,6 +359,7 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
             if keys == 'f':
                 browser.press(Keys.ESCAPE)
                 browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
+        assert next(spec.options_hint for spec in COMMANDS if spec.name == 'switch') in browser.text('dialog-body')
 
 
 def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(browser: Browser) -> None:

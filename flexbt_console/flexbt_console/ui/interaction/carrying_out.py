@@ -41,10 +41,11 @@ class Station:
 
 
 class Reading(NamedTuple):
-    """Lines to be read, and what they are about."""
+    """Lines to be read, and what they are about; whether they are the map."""
 
     title: str
     text: list[str]
+    is_map: bool = False
 
 
 Later = Callable[[AskedRobot, Callable[[str], None]], Reading]
@@ -79,4 +80,4 @@ def carry_out(meaning: Meaning, view: View, station: Station) -> Command | Readi
 def _ask(
     title: str, action: Ask, line: CommandLine, timeout: float, robot: AskedRobot, tell: Callable[[str], None]
 ) -> Reading:
-    return Reading(title, action.ask(line, robot, timeout, tell).text)
+    return Reading(title, action.ask(line, robot, timeout, tell).text, action.is_map)

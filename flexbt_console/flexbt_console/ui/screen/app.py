@@ -18,7 +18,7 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
-from flexbt_console.commands import CommandedRobot, prompt_help
+from flexbt_console.commands import CommandedRobot, CommandSpec, find, prompt_help
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import Behavior, Change, Command, Fleet, Mirror, RobotOverview, View
 from flexbt_console.present import Line, Tone
@@ -468,10 +468,10 @@ class OperatorScreen(OrderedApp):
         self.call_later(self.tell, lines(text))
 
     def _read(self, reading: Reading) -> None:
-        if reading.title == 'map' and self._image_widget is not None:
+        if reading.is_map and self._image_widget is not None:
             self.open(MapImage(self._image_widget, self._view))
         else:
-            self.open(ReadingDialog(*reading))
+            self.open(ReadingDialog(reading.title, reading.text))
 
     def _choose(self, title: str, shown: Sequence[str], do: Callable[[int], object]) -> None:
         """Have one of the lines chosen, and do something with its number."""
@@ -543,12 +543,14 @@ class OperatorScreen(OrderedApp):
         if not usable:
             raise RefusedError('the robot has not said which behaviors it has')
         shown = [f'{behavior.name}  {behavior.description}' for behavior in usable]
-        self._choose(f'{key.action} a behavior', shown, lambda number: self._fill_in(key.action, usable[number]))
+        command = find(key.action)
+        assert command is not None
+        self._choose(f'{command.name} a behavior', shown, lambda number: self._fill_in(command, usable[number]))
 
     _do_switch = _do_start
 
-    def _fill_in(self, verb: str, behavior: Behavior) -> None:
-        self.open(StartForm(verb, behavior), self.do)
+    def _fill_in(self, command: CommandSpec, behavior: Behavior) -> None:
+        self.open(StartForm(command, behavior), self.do)
 
     def _do_note(self, key: Key, view: View) -> None:
         self._line.open('note ')

@@ -21,6 +21,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Input, Label, OptionList, Select
 from textual.widgets.option_list import Option
 
+from flexbt_console.commands import CommandSpec
 from flexbt_console.mirror import Behavior, View
 from flexbt_console.pictures import fold, map_image, where_text
 from flexbt_console.present import Line, tone_of
@@ -42,9 +43,6 @@ CHOICES: Final = {'bool': ('false', 'true')}
 
 RESTRICTED: Final = {'int': r'[+-]?\d*', 'float': r'[+-]?(\d*\.?\d*([eE][+-]?\d*)?|i?n?f?|n?a?n?)'}
 """What may be typed of a type, as far as it has come."""
-
-OPTIONS: Final = {'start': '--input KEY=TYPE:VALUE (userdata), --autonomy LEVEL', 'switch': '--reason TEXT'}
-"""What a form says of the options of its command."""
 
 
 class ChoiceList(ModalScreen[int | None]):
@@ -114,7 +112,7 @@ class ChoiceList(ModalScreen[int | None]):
 class StartForm(ModalScreen[str | None]):
     """The parameters of a behavior, and the options of the command; gives the line that starts it, or None.
 
-    ``verb`` is ``start`` or ``switch``.
+    ``command`` is ``start`` or ``switch``.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -125,15 +123,15 @@ class StartForm(ModalScreen[str | None]):
         Binding('shift+tab', 'app.focus_previous', 'previous', priority=True),
     ]
 
-    def __init__(self, verb: str, behavior: Behavior) -> None:
+    def __init__(self, command: CommandSpec, behavior: Behavior) -> None:
         super().__init__()
-        self._verb = verb
+        self._command = command
         self._behavior = behavior
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
         with VerticalScroll(classes='dialog'):
-            yield Label(Text(f'{self._verb} {one_line(self._behavior.name)}'))
+            yield Label(Text(f'{self._command.name} {one_line(self._behavior.name)}'))
             if self._behavior.description:
                 yield Label(Text(one_line(self._behavior.description)), classes='dim')
             for number, parameter in enumerate(self._behavior.parameters):
@@ -147,9 +145,9 @@ class StartForm(ModalScreen[str | None]):
                 else:
                     restricted = RESTRICTED.get(parameter.type)
                     yield Input(parameter.default, id=f'parameter-{number}', restrict=restricted)
-            yield Label(Text(f'options  of {self._verb}, such as {OPTIONS[self._verb]}'))
+            yield Label(Text(f'options  {self._command.options_hint}'))
             yield Input(id='options')
-            yield Label(Text(f'Enter or Ctrl-S: {self._verb}; Tab: the next field; Esc leaves'), classes='dim')
+            yield Label(Text(f'Enter or Ctrl-S: {self._command.name}; Tab: the next field; Esc leaves'), classes='dim')
 
     def on_mount(self) -> None:
         """The first field is ready to be typed into."""
@@ -178,7 +176,7 @@ class StartForm(ModalScreen[str | None]):
 
     def action_send(self) -> None:
         """Give the line."""
-        words = [self._verb, self._behavior.name]
+        words = [self._command.name, self._behavior.name]
         for number, parameter in enumerate(self._behavior.parameters):
             field: Any = self.query_one(f'#parameter-{number}')
             if field.value != parameter.default:

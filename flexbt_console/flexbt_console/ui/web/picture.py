@@ -35,7 +35,9 @@ MOST_CELLS: Final = 1_000_000
 """Cells of a map that a page gets; of a larger one several cells become one."""
 
 COMMAND_PART: Final = [
-    {'name': spec.name, 'usage': spec.prompt_usage, 'summary': spec.summary} for spec in COMMANDS if spec.in_prompt
+    {'name': spec.name, 'usage': spec.prompt_usage, 'summary': spec.summary, 'options': spec.options_hint}
+    for spec in COMMANDS
+    if spec.in_prompt
 ]
 
 

@@ -82,8 +82,8 @@ export class Commands {
       return [parameter, field];
     });
     const options = element('input', {name: 'options'});
-    const such = verb === 'start' ? '--input KEY=TYPE:VALUE (userdata), --autonomy LEVEL' : '--reason TEXT';
-    form.append(element('label', {class: 'field'}, 'options', options, element('span', {}), element('span', {class: 'hint'}, `of ${verb}, such as ${such}`)));
+    const known = this.specs.find((spec) => spec.name === verb).options;
+    form.append(element('label', {class: 'field'}, 'options', options, element('span', {}), element('span', {class: 'hint'}, known)));
     form.append(element('button', {type: 'submit'}, verb));
     form.addEventListener('submit', (event) => {
       event.preventDefault();
