@@ -41,10 +41,11 @@ from _figures import write_figures
 from _flexbe_engine import SUBJECTS
 from _flexbe_native import TREE_XML
 from _flexbe_stamp import ADDRESS
-from _processes import executable, install_behavior
+from _processes import install_behavior
 from domain_coordinator import domain_id
 
 from flexbt_common.discovery import only_this_computer
+from flexbt_testing.system.processes import executable
 
 HERE: Final = Path(__file__).resolve().parent
 PACKAGE: Final = 'flexbe_probe_behaviors'
@@ -176,8 +177,8 @@ def latencies(arguments: argparse.Namespace, environments: Mapping[str, Mapping[
     specification, output = directory / 'specification.json', directory / 'blocks.json'
     preload = ['-p', f'preload:=["{PACKAGE}/config/probe.xml"]']
     with ExitStack() as stack:
-        stack.enter_context(running([executable('flexbt_server', 'bt_server'), *QUIET, *preload], own))
-        onboard = stack.enter_context(running([executable('flexbt_onboard', 'onboard_executive'), *QUIET, *OWN], own))
+        stack.enter_context(running([executable('bt_server'), *QUIET, *preload], own))
+        onboard = stack.enter_context(running([executable('onboard_executive'), *QUIET, *OWN], own))
         flexbe = None
         if theirs is not None:
             flexbe = stack.enter_context(running([sys.executable, str(HERE / '_flexbe_onboard.py'), *QUIET], theirs))

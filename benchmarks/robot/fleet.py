@@ -46,8 +46,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from _figures import write_figures
-from _processes import executable, install_behavior, processor_time
+from _processes import install_behavior, processor_time
 from domain_coordinator import domain_id
+
+from flexbt_testing.system.processes import executable
 
 HERE: Final = Path(__file__).resolve().parent
 DEADLINE = 400.0
@@ -250,13 +252,13 @@ def main() -> int:
         timed = ['-p', 'use_sim_time:=true'] if arguments.trees else []
         if arguments.trees:
             world = ['-p', f'world:={write_world(Path(directory), names)}']
-            servers.append(subprocess.Popen([executable('flexbt_sim', 'simulator'), *LOGGING, *world]))
+            servers.append(subprocess.Popen([executable('simulator'), *LOGGING, *world]))
         for begin in range(0, len(names), AT_A_TIME):
             some = names[begin : begin + AT_A_TIME]
-            command = [executable('flexbt_onboard', 'onboard_executive'), *ROS_ARGUMENTS, *timed]
+            command = [executable('onboard_executive'), *ROS_ARGUMENTS, *timed]
             processes += [subprocess.Popen([*command, '-r', f'__ns:=/{name}']) for name in some]
             if arguments.trees:
-                command = [executable('flexbt_server', 'bt_server'), *LOGGING, *timed]
+                command = [executable('bt_server'), *LOGGING, *timed]
                 servers += [subprocess.Popen([*command, '-r', f'__ns:=/{name}']) for name in some]
             stations += [Station(stack.enter_context(NodeRuntime.open('console', namespace=name))) for name in some]
             for station in stations[begin:]:

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from _figures import write_figures
-from _processes import executable, install_behavior
+from _processes import install_behavior
 from domain_coordinator import domain_id
 from nav2_msgs.action import Wait
 
@@ -38,6 +38,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.system.processes import executable
 from flexbt_testing.waiting import wait_until
 
 HERE: Final = Path(__file__).resolve().parent
@@ -140,8 +141,8 @@ def main() -> int:
         os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_LOG_DIR=directory)
         only_this_computer()
         processes = [
-            subprocess.Popen([executable(package, name), '--ros-args', '--log-level', 'warn'])
-            for package, name in (('flexbt_server', 'bt_server'), ('flexbt_onboard', 'onboard_executive'))
+            subprocess.Popen([executable(name), '--ros-args', '--log-level', 'warn'])
+            for name in ('bt_server', 'onboard_executive')
         ]
         try:
             figures = {what: summary(values) for what, values in measure(arguments.samples).items()}

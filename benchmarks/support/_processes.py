@@ -7,13 +7,6 @@ import os
 import time
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix
-
-
-def executable(package: str, name: str) -> str:
-    """Path of an installed executable."""
-    return str(Path(get_package_prefix(package)) / 'lib' / package / name)
-
 
 def processor_time(process: int) -> float:
     """User and system time of a process so far, s, of its threads that have ended, too: clock_getcpuclockid(3)."""

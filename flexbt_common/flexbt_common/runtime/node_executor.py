@@ -77,8 +77,8 @@ def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
 def node_executor(
     node: Node,
     on_fault: Callable[[Exception], None],
-    on_turn: Callable[[], object] = lambda: None,
-    later: Later = lambda seconds, fn: None,
+    on_turn: Callable[[], object],
+    later: Later,
 ) -> NodeExecutor | StockNodeExecutor:
     """The best executor that this version of rclpy allows.
 
@@ -94,9 +94,7 @@ def node_executor(
 class StockNodeExecutor(SingleThreadedExecutor):
     """Runs the callbacks of its nodes by rclpy's own loop, on the thread that calls :meth:`turn`."""
 
-    def __init__(
-        self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object] = lambda: None
-    ) -> None:
+    def __init__(self, node: Node, on_fault: Callable[[Exception], None], on_turn: Callable[[], object]) -> None:
         super().__init__(context=node.context)
         self._on_fault = on_fault
         self._on_turn = on_turn
@@ -132,8 +130,8 @@ class NodeExecutor(OpenExecutor):
         self,
         node: Node,
         on_fault: Callable[[Exception], None],
-        on_turn: Callable[[], object] = lambda: None,
-        later: Later = lambda seconds, fn: None,
+        on_turn: Callable[[], object],
+        later: Later,
     ) -> None:
         super().__init__(context=node.context)
         self.later = later

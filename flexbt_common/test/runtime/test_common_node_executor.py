@@ -40,7 +40,7 @@ class Bench:
         self.context = context
         self.node = Node('bench', context=context)
         self.faults: list[Exception] = []
-        self.executor = make(self.node, self.faults.append)
+        self.executor = make(self.node, self.faults.append, lambda: None, lambda seconds, fn: None)
 
     def turn_until(self, condition: Callable[[], Any], what: str) -> None:
         end = time.monotonic() + DEADLINE
