@@ -158,6 +158,8 @@ class GoalServer:
     Goals with more in them than :mod:`flexbt_common.values.limits` allows, and more than ``most`` at a time, never get
     there: they are aborted with ``refused(why)``, the result for a reason. Those that ``admission`` does not admit are
     rejected; ROS has no way to tell the client why, so the log of the node does. It may be replaced.
+
+    It ends with the node, or the :class:`~flexbt_common.lifecycle.NodeScope`, that it is made on, if not before.
     """
 
     def __init__(
@@ -202,7 +204,7 @@ class GoalServer:
         """Take the server out of the graph. Goals that have not ended get no result."""
         self._runtime.cancel_on_close(self._close_at_end)
         self._runtime.once(goal_servers, _no_servers).pop(self._name, None)
-        self._server.close()
+        self._server.destroy()
 
     @property
     def fault(self) -> GoalFault:
@@ -351,9 +353,9 @@ class _Server(OpenActionServer):
         )
         self.on_end(goal_id)
 
-    def close(self) -> None:
+    def destroy(self) -> None:
         self._list()
-        self.destroy()
+        super().destroy()
 
     def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
         """Do not answer requests to cancel; or answer those that came meanwhile. Then go on."""
@@ -438,9 +440,6 @@ class _StockServer(ActionServer):
         {GoalEvent.SUCCEED: handle.succeed, GoalEvent.ABORT: handle.abort, GoalEvent.CANCELED: handle.canceled}[event]()
         self._results[goal_id].set_result(result)
         self.on_end(goal_id)
-
-    def close(self) -> None:
-        self.destroy()
 
     def hold_cancels(self, is_holding: bool, then: Callable[[], object]) -> None:
         """rclpy's server answers each cancel at once: here that of a server that hangs is accepted, and has no end."""

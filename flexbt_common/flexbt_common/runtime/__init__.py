@@ -2,7 +2,7 @@
 """A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
 
 from .health import HANG_SECONDS, Hang, Health, Loop, Watched
-from .ignored_participant import ignore_participant
+from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
 from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
 from .parameters import ParameterDeclarer, refuse_while_configured
@@ -50,6 +50,7 @@ __all__ = [
     'RosClock',
     'SenderRates',
     'Watched',
+    'ignore_each_other',
     'ignore_participant',
     'is_usable',
     'participant_of',

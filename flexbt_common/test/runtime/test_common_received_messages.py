@@ -15,6 +15,7 @@ from flexbt_common.runtime import (
     NodeRuntime,
     Received,
     ReceivedMessages,
+    ignore_each_other,
     ignore_participant,
     reports_writers,
     writer_name,
@@ -128,3 +129,23 @@ def test_nothing_more_is_heard_of_a_participant_that_is_ignored(receiver: Receiv
     finally:
         bad.runtime.close()
         good.runtime.close()
+
+
+def test_nodes_that_ignore_each_other_are_there_for_everybody_else() -> None:
+    with NodeRuntime.open('first') as first, NodeRuntime.open('other') as other, NodeRuntime.open('third') as third:
+        ignore_each_other(first.node, other.node)
+        publisher = other.call(lambda: other.node.create_publisher(String, TOPIC, QOS))
+        received: dict[str, list[str]] = {'first': [], 'third': []}
+        for runtime in (first, third):
+            heard = received[runtime.name]
+
+            def hear(runtime: NodeRuntime = runtime, heard: list[str] = heard) -> None:
+                runtime.node.create_subscription(String, TOPIC, lambda message: heard.append(message.data), QOS)
+
+            runtime.call(hear)
+        wait_until(lambda: {'first', 'other'} <= set(third.node.get_node_names()), 'both')
+        wait_until(lambda: publisher.get_subscription_count() == 1, 'the third one')
+        publisher.publish(String(data='a'))
+        wait_until(lambda: received['third'] == ['a'], 'the message')
+        assert 'other' not in first.node.get_node_names() and 'first' not in other.node.get_node_names()
+        assert publisher.get_subscription_count() == 1 and not received['first']

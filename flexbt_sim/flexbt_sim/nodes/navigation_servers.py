@@ -20,7 +20,8 @@ from nav2_msgs.msg import SpeedLimit
 from nav2_msgs.srv import IsPathValid
 
 from flexbt_common import names
-from flexbt_common.calls import goal_servers
+from flexbt_common.calls import GoalAdmission, goal_servers
+from flexbt_common.lifecycle import SHUTTING_DOWN
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits, seconds_of
@@ -229,9 +230,15 @@ class Navigation:
             self._runtime.post(lambda: self._end_all(str(hang)))
 
     def _close(self) -> None:
-        self._runtime.call(lambda: self._end_all('the navigation servers are shutting down'))
+        self._runtime.call(self._end)
         for _ in range(2):  # on one turn of the executor the goals end, on the next their results leave
             self._runtime.call(lambda: None)
+
+    def _end(self) -> None:
+        admission = GoalAdmission(names.NAVIGATION, SHUTTING_DOWN)
+        for server in goal_servers(self._runtime).values():
+            server.admission = admission
+        self._end_all(admission.refusal)
 
     def _end_all(self, reason: str, code: str = 'UNKNOWN') -> None:
         servers = list(goal_servers(self._runtime).values())
