@@ -218,6 +218,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
+    *_topics(names.KEEPOUT_FILTER_INFO, names.KEEPOUT_FILTER_MASK, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
     *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),

@@ -69,6 +69,8 @@ EVENTS_DEPTH: Final = 50
 
 # Robot
 MAP: Final = 'map'
+KEEPOUT_FILTER_INFO: Final = 'keepout_costmap_filter_info'
+KEEPOUT_FILTER_MASK: Final = 'keepout_filter_mask'
 SCAN: Final = 'scan'
 ODOM: Final = 'odom'
 CLOCK: Final = '/clock'

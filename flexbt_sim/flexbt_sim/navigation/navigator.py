@@ -66,11 +66,11 @@ class Navigator:
         latency: int = 1,
         plan_seconds: float = 0.0,
     ) -> None:
-        """``static`` is what is known beforehand, by default the map of the world. A command takes effect after so many
-        periods, as it does between nodes, and a plan is there after ``plan_seconds`` of simulated time: between nodes,
-        in a world that is faster than real time, it may be old.
+        """``static`` is what is known beforehand, by default the map of the world with its no-go zones. A command takes
+        effect after so many periods, as it does between nodes, and a plan is there after ``plan_seconds`` of simulated
+        time: between nodes, in a world that is faster than real time, it may be old.
         """
-        known = static or world.map
+        known = static or world.known_map
         if known is None:
             raise NavigationError('UNKNOWN', 'there is no map: give a world that has one, or the map that is known')
         self._world = world

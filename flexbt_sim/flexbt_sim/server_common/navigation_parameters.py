@@ -49,6 +49,7 @@ class NavigationParameters:
     transform_tolerance: float
     pose_topic: str
     map_topic: str
+    filter_info_topic: str
     scan_topic: str
     base_frame: str
     cmd_vel_topic: str
@@ -143,6 +144,11 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         ),
         pose_topic=declare.text('pose_topic', names.POSE, "topic of the robot's pose, geometry_msgs/PoseStamped"),
         map_topic=declare.text('map_topic', names.MAP, 'topic of the map'),
+        filter_info_topic=declare.text(
+            'filter_info_topic',
+            names.KEEPOUT_FILTER_INFO,
+            'topic that names the mask of areas to keep out of, nav2_msgs/CostmapFilterInfo',
+        ),
         scan_topic=declare.text('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan'),
         base_frame=declare.text('robot_base_frame', 'base_link', 'frame of the robot, in which the lidar is mounted'),
         cmd_vel_topic=declare.text('cmd_vel_topic', names.CMD_VEL, 'topic of the velocity commands'),

@@ -22,12 +22,13 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.navigation import Velocity
 from flexbt_sim.ros_messages import map_of
-from flexbt_sim.world import Pose
+from flexbt_sim.world import OccupancyMap, Pose
 
 from .action_results import GoalEnd
 from .costmap_server import CostmapServer
 from .demand import Demand
 from .frames import MapFrame
+from .keepout_filter import KeepoutFilter
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, finite_pose
 
@@ -103,13 +104,15 @@ class RobotInterface:
         self._pose_heard = self._taken = -math.inf
         self._was_gone = False
         self._is_moving = False
-        self._has_map = False
+        self._map: OccupancyMap | None = None
+        self._mask: OccupancyMap | None = None
         self._waiting: list[Callable[[], None]] = []
         node = runtime.node
         self._demand = demand = Demand(runtime, in_process)
         demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
         demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
+        KeepoutFilter(runtime, parameters, self._receive_mask)
         self.map_frame = MapFrame(runtime, parameters)
         self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose, demand)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
@@ -136,7 +139,7 @@ class RobotInterface:
 
     @property
     def _is_known(self) -> bool:
-        return self.silence < self._parameters.pose_timeout and self._has_map
+        return self.silence < self._parameters.pose_timeout and self._map is not None
 
     def _tell_waiting(self) -> None:
         if self._waiting and self._is_known:
@@ -216,11 +219,18 @@ class RobotInterface:
         try:
             check_limits(grid)
             check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
-            world = map_of(grid)
+            self._map = map_of(grid)
         except FlexbtError as error:
             self._runtime.node.get_logger().error(f'ignored: {error}')
             return
-        self.costmaps.set_map(world)
-        self._has_map = True
+        self._use_map(self._map)
         self._tell_waiting()
+
+    def _receive_mask(self, mask: OccupancyMap) -> None:
+        self._mask = mask
+        if self._map is not None:
+            self._use_map(self._map)
+
+    def _use_map(self, world: OccupancyMap) -> None:
+        self.costmaps.set_map(world if self._mask is None else world.masked(self._mask))
         self.on_map()

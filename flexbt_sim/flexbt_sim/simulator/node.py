@@ -34,7 +34,7 @@ from .computations import Computations
 from .door_services import DoorServices
 from .entity_services import EntityServices
 from .fault_service import FaultService
-from .map_server import MapServer
+from .map_server import KeepoutServer, MapServer
 from .message_template import MessageTemplate, stamp_fields
 from .parameters import SPEED_FACTOR, SimulatorParameters, declare_simulator_parameters
 from .robot_topics import Commands, Message, RobotTopics
@@ -116,7 +116,8 @@ class Simulator:
         for robot in self.world.robots.values():
             self._connect_robot(robot, self.parameters.namespace_of(robot.name))
         self._doors = DoorServices(self)
-        self._doors.update()
+        self._keepout = KeepoutServer(self)
+        self._serve_entities()
         self._scene = Scene(self.runtime, self.parameters.map_frame)
         with self.lock:
             self._tell_scene()
@@ -150,6 +151,11 @@ class Simulator:
         topics.close()
         self._watch_computations()
 
+    def _serve_entities(self) -> None:
+        """What there is of doors, and of zones that the robots have to know, may be other than it was."""
+        self._doors.update()
+        self._keepout.update()
+
     def _stands_in_for(self, namespace: str) -> str:
         """The simulator in the namespace of a robot, whose nodes look for it there."""
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
@@ -178,7 +184,7 @@ class Simulator:
             self._tell_scene()
         if isinstance(entity, Robot):
             self._connect_robot(entity, f'{namespace.strip("/") or entity.name}/')
-        self._doors.update()
+        self._serve_entities()
 
     def is_free_namespace(self, namespace: str) -> bool:
         """Whether no robot is there."""
@@ -192,7 +198,7 @@ class Simulator:
             self.world.remove(entity.name)
             self._tell_scene()
         self._spawned.pop(entity.name, None)
-        self._doors.update()
+        self._serve_entities()
 
     def remove_spawned(self) -> None:
         """Take away all that has come by service."""
@@ -205,6 +211,7 @@ class Simulator:
             self.world.move(entity.name, pose)
             self._tell_scene()
         self.pacer.forget_driver(entity.name)
+        self._serve_entities()
 
     def reset_state(self) -> None:
         """Everything is where it was at the start; the time goes on.
@@ -244,7 +251,7 @@ class Simulator:
         for robot in world.robots.values():
             if robot.name not in self._robots:
                 self._connect_robot(robot, self.parameters.namespace_of(robot.name))
-        self._doors.update()
+        self._serve_entities()
 
     def has_navigation(self, robot: str) -> bool:
         """Whether a node navigation is there for a robot, and carries out the faults of its servers."""

@@ -24,6 +24,10 @@ class SimulatorParts(Protocol):
     world: World
     pacer: Pacer
 
+    @property
+    def namespaces(self) -> list[str]:
+        """Where the topics of the robots are, within that of the node: '' or 'robot1/'."""
+
     def stamp(self) -> Time:
         """The time of the clock."""
 

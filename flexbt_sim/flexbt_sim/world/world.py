@@ -31,7 +31,7 @@ from .descriptions import (
     ZoneModel,
     fault_parameters,
 )
-from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Space, box, check_pose, outlines
+from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Shape, Space, box, check_pose, outlines
 from .robot import Robot, compose
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
@@ -167,6 +167,17 @@ class World:
     def zones(self) -> Mapping[str, Zone]:
         """The zones by their names."""
         return MappingProxyType(self._zones)
+
+    @property
+    def no_go(self) -> tuple[tuple[Shape, Pose], ...]:
+        """Areas of the no-go zones, and where they are."""
+        return tuple((one.shape, one.pose) for one in self._zones.values() if one.model.kind == 'no_go')
+
+    @property
+    def known_map(self) -> OccupancyMap | None:
+        """What navigation has to know beforehand: the map, occupied in the no-go zones, too."""
+        no_go, world = self.no_go, self.map
+        return world if world is None or not no_go else world.masked(world.mask(no_go))
 
     @property
     def faults(self) -> tuple[Fault, ...]:

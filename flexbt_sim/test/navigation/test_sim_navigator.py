@@ -24,6 +24,7 @@ from flexbt_sim.world import (
     RouteModel,
     WalkModel,
     World,
+    ZoneModel,
     box,
     wrap,
 )
@@ -228,3 +229,12 @@ def test_a_robot_gives_way_to_somebody_who_comes_through_a_corridor_for_one() ->
     walk = RouteModel(((6.6, 0.5), (0.3, 0.5), (0.3, -1.0)), speed=0.2, order='back_and_forth')
     world.add('person', ObstacleModel(Pose(6.8, 1.5, 0.0), Circle(0.2), route=walk))
     check_reached(world, Navigator(world, 'robot').navigate(Pose(7.0, -0.5, 0.0), timeout=300.0))
+
+
+def test_it_keeps_out_of_a_no_go_zone() -> None:
+    world = World(walled(80, 160, 0.05, lambda cells: None))
+    robot = world.add('robot', SEEING, Pose(0.0, 0.0, 0.0))
+    world.add('lawn', ZoneModel(kind='no_go', pose=Pose(3.0, 0.0, 0.0), area=box(1.0, 2.5)))
+    trip = Navigator(world, 'robot').navigate(Pose(6.0, 0.0, 0.0))
+    assert (trip.code, trip.contacts, robot.violations) == ('', 0, 0)
+    assert trip.length > 6.3

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
@@ -11,7 +12,10 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
+from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import Path
+from simulation_interfaces.msg import EntityState
+from simulation_interfaces.srv import DeleteEntity, SetEntityState, SpawnEntity
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
@@ -174,3 +178,26 @@ def test_of_many_requests_those_that_are_canceled_have_no_path_and_the_others_ha
         if outcome.result is not None:
             assert bool(outcome.result.path.poses) is (outcome.status is GoalStatus.SUCCEEDED)
             assert outcome.result.error_code == Result.NONE
+
+
+def test_no_path_leads_into_a_no_go_zone_that_comes_is_moved_and_goes(world: RobotProbe) -> None:
+    def wait_for_plan(code: int) -> None:
+        deadline = time.monotonic() + DEADLINE
+        while world.plan(OFFICE).result.error_code != code:
+            assert time.monotonic() < deadline, f'no plan ended with {code}'
+
+    infos = world.runtime.call(
+        lambda: world.runtime.node.create_publisher(CostmapFilterInfo, names.KEEPOUT_FILTER_INFO, names.latched())
+    )
+    world.place(DOCK)
+    lawn = f'zones: {{lawn: {{kind: no_go, pose: {[*OFFICE[:2], 0.0]}, area: [1.0, 1.0]}}}}'
+    world.ask(SpawnEntity, 'simulator/spawn_entity', SpawnEntity.Request(resource_string=lawn))
+    wait_for_plan(Result.GOAL_OCCUPIED)
+    for wrong in (CostmapFilterInfo(type=2, filter_mask_topic='speed'), CostmapFilterInfo(filter_mask_topic='a b')):
+        infos.publish(wrong)  # they are no masks of areas to keep out of: that of the zone stays
+    for place, code in (((9.0, 1.2, 0.0), Result.NONE), (OFFICE, Result.GOAL_OCCUPIED)):
+        moved = EntityState(pose=pose(place).pose)
+        world.ask(SetEntityState, 'simulator/set_entity_state', SetEntityState.Request(entity='lawn', state=moved))
+        wait_for_plan(code)
+    world.ask(DeleteEntity, 'simulator/delete_entity', DeleteEntity.Request(entity='lawn'))
+    wait_for_plan(Result.NONE)

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -22,6 +22,7 @@ from flexbt_sim.errors import MapError
 from . import loops
 from .acceleration import compiled
 from .geometry import FARTHEST, Pose
+from .shapes import Shape
 
 FREE: Final = 0
 OCCUPIED: Final = 100
@@ -113,6 +114,33 @@ class OccupancyMap:
     def contains(self, row: int, column: int) -> bool:
         """Whether a cell is part of the grid."""
         return 0 <= row < self.height and 0 <= column < self.width
+
+    def mask(self, areas: Iterable[tuple[Shape, Pose]]) -> OccupancyMap:
+        """A grid like this one that is occupied where shapes at poses are, to a cell, and free elsewhere."""
+        cells = numpy.full(self.cells.shape, FREE, numpy.int8)
+        for shape, pose in areas:
+            corners = numpy.array([self.grid_position(*point) for point in shape.points(pose)])
+            (y, x), (to_y, to_x) = corners.T, numpy.roll(corners, -1, axis=0).T
+            # Lines along the rows: two in each, and those through the corners, so that nothing is too thin.
+            lines = {
+                *y.tolist(),
+                *(numpy.arange(max(0, 2 * y.min()), min(2 * self.height, 2 * y.max())) / 2.0).tolist(),
+            }
+            for at in (line for line in lines if 0.0 <= line < self.height):
+                here = (y > at) != (to_y > at)
+                ends = numpy.sort(x[here] + (at - y[here]) / (to_y - y)[here] * (to_x - x)[here])
+                for first, last in numpy.clip(numpy.floor(ends), -1, self.width).astype(int).reshape(-1, 2):
+                    cells[int(at), max(0, first) : last + 1] = OCCUPIED
+        return replace(self, cells=cells)
+
+    def masked(self, mask: OccupancyMap) -> OccupancyMap:
+        """This map, occupied also where the centres of its cells are in occupied ones of another grid."""
+        places = numpy.array([mask.grid_position(*self.point(*cell)) for cell in ((0, 0), (1, 0), (0, 1))])
+        turn = (places[1:] - places[0]).T
+        covered = scipy.ndimage.affine_transform(
+            mask.obstacles.astype(numpy.uint8), turn, places[0] - 0.5, self.cells.shape, order=0, mode='grid-constant'
+        )
+        return replace(self, cells=numpy.where(covered, numpy.int8(OCCUPIED), self.cells))
 
     def clearance(self, x: float, y: float) -> float:
         """Distance from a point, on the map or beside it, to the nearest obstacle, m, exactly; infinite without any."""

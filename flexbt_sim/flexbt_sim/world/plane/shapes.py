@@ -42,6 +42,11 @@ class Circle:
         """How far from the origin a point is that moves when the shape turns, m: a circle looks the same."""
         return 0.0
 
+    def points(self, pose: Pose) -> list[Point]:
+        """64 points on the circle at a pose: a polygon of them is within 0.12 % of it."""
+        angles = (math.tau * n / 64.0 for n in range(64))
+        return [(pose.x + self.radius * math.cos(a), pose.y + self.radius * math.sin(a)) for a in angles]
+
 
 @dataclass(frozen=True)
 class Polygon:
