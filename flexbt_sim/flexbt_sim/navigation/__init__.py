@@ -4,7 +4,7 @@
 from .behaviors import ROLL_TIME, AssistedTeleop, DriveMotion, SpinMotion
 from .collision_monitor import slowed
 from .hybrid_planner import HybridPlanner, planner_for
-from .motions import LOOK_AHEAD, STOP, Motion, Steering, TurnLimits, Velocity, collides
+from .motions import LOOK_AHEAD, STOP, Inertia, KeepingApart, Motion, Steering, TurnLimits, Velocity, collides
 from .navigator import Navigator, Trip
 from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag
@@ -24,6 +24,8 @@ __all__ = [
     'FollowerLimits',
     'GridPlanner',
     'HybridPlanner',
+    'Inertia',
+    'KeepingApart',
     'Motion',
     'Navigator',
     'PathFollower',

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
 from flexbt_sim.costmaps import Costmap
@@ -89,24 +90,49 @@ class TurnLimits:
         return min(self.maximum, max(self.minimum, math.sqrt(2.0 * self.acceleration * abs(remaining))))
 
 
-def collides(costmap: Costmap, pose: Pose, velocity: Velocity, seconds: float) -> bool:
-    """Whether driving on like this for some time ends in an obstacle, or beside the map.
+@dataclass(frozen=True)
+class Inertia:
+    """How fast the robot goes, and how fast that changes at most, m/s² and rad/s²."""
+
+    velocity: Velocity = STOP
+    linear: float = math.inf
+    angular: float = math.inf
+
+    def after(self, command: Velocity, seconds: float) -> Inertia:
+        """When the robot has been commanded so for some time."""
+        pairs = zip(self.velocity, command, (self.linear, self.angular), strict=True)
+        changes = (max(-limit * seconds, min(limit * seconds, wanted - now)) for now, wanted, limit in pairs)
+        linear, angular = map(sum, zip(self.velocity, changes, strict=True))
+        return replace(self, velocity=Velocity(linear, angular))
+
+    def poses(self, pose: Pose, command: Velocity, seconds: float, steps: int) -> Iterator[Pose]:
+        """Where the robot gets to when it is commanded so, in equal steps."""
+        inertia = self
+        for _ in range(steps):
+            then = inertia.after(command, seconds / steps)
+            linear, angular = ((one + other) / 2.0 for one, other in zip(inertia.velocity, then.velocity, strict=True))
+            inertia, pose = then, drive(pose, linear, angular, seconds / steps)
+            yield pose
+
+
+def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, inertia: Inertia | None = None) -> bool:
+    """Whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the robot
+    goes like this at once.
 
     Getting no deeper into one that the robot overlaps already is none, and neither is a circle's turn on the spot.
     """
     inflation = costmap.inflation
-    if velocity.linear == 0.0 and not inflation.corners:
+    if command.linear == 0.0 and not inflation.corners:
         return False
     world = costmap.world
-    way = (
-        abs(velocity.linear) + abs(velocity.angular) * (inflation.outer_radius if inflation.corners else 0.0)
-    ) * seconds
+    inertia = inertia or Inertia(command)
+    linear, angular = (max(map(abs, pair)) for pair in zip(command, inertia.velocity, strict=True))
+    way = (linear + angular * (inflation.outer_radius if inflation.corners else 0.0)) * seconds
     if costmap.has_room(pose, inflation.outer_radius + way):
         return False
     steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(way / world.resolution))
     overlap: float | None = None
-    for step in range(1, steps + 1):
-        ahead = drive(pose, *velocity, seconds * step / steps)
+    for ahead in inertia.poses(pose, command, seconds, steps):
         if not world.contains(*world.cell(ahead.x, ahead.y)):
             return True
         before, overlap = overlap, costmap.overlap(ahead)
@@ -161,7 +187,9 @@ class KeepingApart:
     def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
         """Whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
         swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
-        return self._here < PERSONAL_SPACE and all(
+        if self._here >= PERSONAL_SPACE or (self._here < SIDE_GAP and swing > SLOWEST):
+            return False  # who is as near as that is touched by a corner before the next scan
+        return all(
             costmap.gap_seen(drive(pose, *velocity, time), self._reach) >= self._here + AWAY * swing * time - SAME_GAP
             for time in (SIDE_TIME / 2.0, SIDE_TIME)
         )

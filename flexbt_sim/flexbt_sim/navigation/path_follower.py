@@ -18,7 +18,7 @@ from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import DriveModel, Pose, compose, drive, wrap
 
-from .motions import PERSONAL_SPACE, STOP, KeepingApart, Steering, TurnLimits, Velocity, collides
+from .motions import PERSONAL_SPACE, STOP, Inertia, KeepingApart, Steering, TurnLimits, Velocity, collides
 from .track import Leg, Track, drivable_legs
 
 SEARCH_DISTANCE: Final = 1.5
@@ -26,6 +26,9 @@ SEARCH_DISTANCE: Final = 1.5
 
 JOIN_DISTANCE: Final = 0.25
 """How much nearer, m, a later part of a new path has to be for the robot to join it there."""
+
+YIELD_TIME: Final = 60.0
+"""For how long, s, others are given way to before the robot is nearer to the goal."""
 
 HELD_UP: Final = 0.5
 """Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
@@ -63,7 +66,7 @@ class FollowerLimits:
     A turn of more than ``rotate_angle`` is made on the spot. Where the last one, to the heading of the goal, would
     collide within ``xy_tolerance`` of the goal, the robot drives on, and after ``patience`` turns at the goal only.
     No progress means less than ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle
-    ahead is waited for, too.
+    ahead is waited for, too. Collisions are looked for ``collision_time`` ahead, with the accelerations of the robot.
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
     path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
@@ -88,6 +91,8 @@ class FollowerLimits:
     progress_time: float = 10.0
     patience: float = 0.3
     collision_time: float = 1.0
+    linear_acceleration: float = 2.5
+    angular_acceleration: float = 3.2
     turning_radius: float = 0.0
     reverses: bool = True
 
@@ -99,15 +104,20 @@ class FollowerLimits:
     @classmethod
     def of(cls, drive: DriveModel) -> FollowerLimits:
         """For a robot of the simulated world. A car goes faster than a small robot, and brakes earlier."""
-        radius = drive.turning_radius
-        if not radius:
-            return cls(speed=min(cls.speed, drive.linear_speed))
-        speed = min(drive.linear_speed, max(cls.speed, CAR_SPEED * radius))
-        return cls(
+        limits = cls(
+            speed=min(cls.speed, drive.linear_speed),
+            linear_acceleration=drive.linear_acceleration,
+            angular_acceleration=drive.angular_acceleration,
+            turning_radius=drive.turning_radius,
+        )
+        if not limits.turning_radius:
+            return limits
+        speed = min(drive.linear_speed, max(cls.speed, CAR_SPEED * limits.turning_radius))
+        return replace(
+            limits,
             speed=speed,
             approach_distance=max(cls.approach_distance, BRAKING_TIME * speed),
             angular_speed=min(cls.angular_speed, drive.angular_speed),
-            turning_radius=radius,
         )
 
 
@@ -124,11 +134,22 @@ class ProgressChecker:
         self._mark: Pose | None = None
         self._checked = -math.inf
         self._shortest = math.inf
-        self._driven = 0.0
+        self._driven = self._yielded = 0.0
+        self._least = math.inf
 
-    def check(self, pose: Pose, now: float, turning: bool) -> None:
-        """Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own."""
+    def check(self, pose: Pose, now: float, turning: bool, left: float, yielding: bool) -> None:
+        """``left``: m to the goal; ``yielding``: gives way to others since the last check.
+
+        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress of its own.
+        """
         passed, self._checked = now - self._checked, now
+        if left < self._least - self._limits.progress_distance:
+            self._least, self._yielded = left, 0.0
+        self._yielded += passed if yielding else 0.0
+        if self._yielded > YIELD_TIME:
+            raise NavigationError(
+                'FAILED_TO_MAKE_PROGRESS', f'gave way to others for {YIELD_TIME:g} s and is no nearer to the goal'
+            )
         if self._mark is None or turning or self._mark.distance(pose) >= self._limits.progress_distance:
             self._mark, self._driven = pose, 0.0
         else:
@@ -208,14 +229,22 @@ class PathFollower:
             self._circles, self._no_room_since = before._circles, before._no_room_since
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
-        self._has_begun = False
+        self._has_begun = self._yields = False
         self._at_goal = False
         self._blocked_since: float | None = None if before is None else before._blocked_since
         self._apart: KeepingApart = KeepingApart(limits.speed) if before is None else before._apart
-        self.speed: float = 0.0 if before is None else before.speed
+        self._inertia: Inertia = Inertia(STOP, limits.linear_acceleration, limits.angular_acceleration)
+        self._command, self._commanded = STOP, -math.inf
+        if before is not None:
+            self._inertia, self._command, self._commanded = before._inertia, before._command, before._commanded
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""
         self.distance_to_goal = self._left = sum(leg.track.length for leg in self._legs)
+
+    @property
+    def speed(self) -> float:
+        """As it is commanded, m/s."""
+        return self._command.linear
 
     @property
     def _track(self) -> Track:
@@ -230,6 +259,7 @@ class PathFollower:
                 the way, or NO_VALID_CONTROL at once when there is no patience.
         """
         limits = self._limits
+        self._inertia, self._commanded = self._inertia.after(self._command, now - self._commanded), now
         self._move(self._drift())
         self._apart.look(self._costmap, pose, now)
         self._at = self._nearest(pose)
@@ -245,13 +275,13 @@ class PathFollower:
         self._at_goal = self._at_goal or (near_end and pose.distance(self._goal) <= tolerance)
         if self._is_close and left > END_OF_LEG and abs(wrap(self._goal.yaw - pose.yaw)) > limits.yaw_tolerance:
             self._at_goal = False  # its heading is that of the goal at the end only
-        self.progress.check(pose, now, self._at_goal)
+        self.progress.check(pose, now, self._at_goal, self.distance_to_goal, self._yields)
         if limits.turning_radius:
             self._circles.check(pose.yaw, self.distance_to_goal)
         if self._at_goal:
             angle = wrap(self._goal.yaw - pose.yaw)
             if abs(angle) <= limits.yaw_tolerance:
-                self.speed = 0.0
+                self._command = STOP
                 return None
             if limits.turning_radius:
                 raise NavigationError(
@@ -275,13 +305,14 @@ class PathFollower:
             )
         else:
             velocity = self._pursue(pose, now)
-        if velocity is None and self._apart.has_company(now):
+        self._yields = velocity is None and self._apart.has_company(now)
+        if self._yields:
             velocity = self._give_way(pose)
         if velocity is None:
             velocity = self._wait_for_way(now)
         else:
             self._blocked_since = None
-        self.speed = velocity.linear
+        self._command = velocity
         return velocity
 
     def _last_turn(self, angle: float, pose: Pose, now: float, is_whole: bool) -> Velocity | None:
@@ -290,7 +321,7 @@ class PathFollower:
         seconds = abs(angle / turn.angular)
         if not is_whole:
             seconds = min(self._limits.collision_time, seconds)
-        if collides(self._costmap, pose, turn, seconds):
+        if self._collides(pose, turn, seconds):
             return None
         return self._apart.limited(self._costmap, pose, turn)
 
@@ -359,7 +390,7 @@ class PathFollower:
         x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
         carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
         velocity = self._led(pose, carrot, backward)
-        while collides(self._costmap, pose, velocity, limits.collision_time):
+        while self._collides(pose, velocity, limits.collision_time):
             if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
                 return None
             share = max(0.5, limits.approach_speed / abs(velocity.linear))
@@ -407,14 +438,17 @@ class PathFollower:
 
     def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
         """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn so does the way after it."""
-        if velocity.linear == 0.0:
-            turn = abs(pose.bearing(carrot.x, carrot.y) / velocity.angular)
-            if collides(self._costmap, pose, velocity, min(self._limits.collision_time, turn)):
-                return True
-            pose = Pose(pose.x, pose.y, math.atan2(carrot.y - pose.y, carrot.x - pose.x))
-            velocity = Velocity(self._limits.speed, 0.0)
-        seconds = min(self._limits.collision_time, pose.distance(carrot) / velocity.linear)
-        return collides(self._costmap, pose, velocity, seconds)
+        limits = self._limits
+        if velocity.linear:
+            return self._collides(pose, velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
+        bearing = pose.bearing(carrot.x, carrot.y)
+        if self._collides(pose, velocity, min(limits.collision_time, abs(bearing / velocity.angular))):
+            return True
+        seconds = min(limits.collision_time, pose.distance(carrot) / limits.speed)
+        return collides(self._costmap, pose._replace(yaw=pose.yaw + bearing), Velocity(limits.speed, 0.0), seconds)
+
+    def _collides(self, pose: Pose, velocity: Velocity, seconds: float) -> bool:
+        return collides(self._costmap, pose, velocity, seconds, self._inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
         """To somebody who is in the way: to where the gap to them grows most, if that leads away from them, or wait."""
@@ -424,7 +458,7 @@ class PathFollower:
         free = [place for place in places if not costmap.in_collision(place)]
         for place in sorted(free, key=lambda place: costmap.gap_seen(place, 2.0 * PERSONAL_SPACE), reverse=True):
             velocity = self._led(pose, place, abs(pose.bearing(place.x, place.y)) > math.pi / 2.0)
-            is_free = not collides(costmap, pose, velocity, self._limits.collision_time)
+            is_free = not self._collides(pose, velocity, self._limits.collision_time)
             if is_free and self._apart.leaves(costmap, pose, velocity):
                 self._at_goal = False
                 return velocity

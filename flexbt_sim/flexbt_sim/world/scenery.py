@@ -37,6 +37,7 @@ class Obstacle(Body):
         self.velocity = (0.0, 0.0)
         self._next: int | None = 0
         self._step = 1
+        self._blocked = 0.0
 
     def tick(self, surroundings: Surroundings, duration: float) -> None:
         """Go on along the route, or walk about."""
@@ -56,17 +57,28 @@ class Obstacle(Body):
             if distance > 1e-9:
                 time = min(duration, distance / route.speed)
                 if not self._go(route.speed * dx / distance, route.speed * dy / distance, surroundings, time):
+                    self._wait(self._next, route, time)
                     return
+                self._blocked = 0.0
                 duration -= time
             if distance <= 1e-9 or duration > 0.0:
                 self._next = self._after(self._next, route)
 
+    def _wait(self, index: int, route: RouteModel, duration: float) -> None:
+        """Blocked on the way to a point; in the end it turns back to the one before."""
+        self._blocked += duration
+        back = index - self._step
+        if route.order == 'loop':
+            back %= len(route.waypoints)
+        if self._blocked >= route.patience and route.order != 'once' and 0 <= back < len(route.waypoints):
+            self._next, self._step, self._blocked = back, -self._step, 0.0
+
     def _after(self, index: int, route: RouteModel) -> int | None:
         count = len(route.waypoints)
-        if route.order == 'loop' or count == 1:
-            return (index + 1) % count if route.order == 'loop' else None
+        if route.order == 'loop':
+            return (index + self._step) % count
         if not 0 <= index + self._step < count:
-            if route.order == 'once':
+            if route.order == 'once' or count == 1:
                 return None
             self._step = -self._step
         return index + self._step

@@ -21,6 +21,8 @@ from flexbt_sim.navigation import (
     STOP,
     AssistedTeleop,
     DriveMotion,
+    Inertia,
+    KeepingApart,
     Motion,
     SpinMotion,
     Velocity,
@@ -28,6 +30,7 @@ from flexbt_sim.navigation import (
 )
 from flexbt_sim.world import (
     Circle,
+    DriveModel,
     LidarModel,
     ObstacleModel,
     OccupancyMap,
@@ -38,6 +41,7 @@ from flexbt_sim.world import (
     box,
     compose,
     drive,
+    wrap,
 )
 
 OPEN = drawn(*['.' * 120] * 120)
@@ -244,6 +248,36 @@ def test_a_predicted_collision_is_one(data: st.DataObject, world: OccupancyMap, 
         assert distances.min() >= RADIUS - world.resolution**2 / (8.0 * RADIUS) - 1e-3
 
 
+SPEEDS = st.floats(-0.5, 0.5), st.floats(-2.0, 2.0)
+
+
+@settings(deadline=None, max_examples=50)
+@given(*SPEEDS, *SPEEDS)
+def test_a_robot_changes_its_velocity_as_foreseen(before: float, turning: float, linear: float, angular: float) -> None:
+    """Beside a robot of the simulator, whose commands change."""
+    model = DriveModel(linear_speed=1.0, angular_speed=3.0)
+    world = World()
+    robot = world.add('alpha', RobotModel(lidar=None, drive=model), CENTRE)
+    for _ in range(20):
+        robot.command(before, turning, world.time)
+        world.step(0.05)
+    inertia = Inertia(Velocity(before, turning), model.linear_acceleration, model.angular_acceleration)
+    foreseen = inertia.poses(robot.pose, Velocity(linear, angular), 1.0, 20)
+    for pose in foreseen:
+        robot.command(linear, angular, world.time)
+        world.step(0.05)
+        assert robot.pose.distance(pose) < 0.02
+        assert abs(wrap(robot.pose.yaw - pose.yaw)) < 0.06
+
+
+def test_a_turn_does_not_end_at_once() -> None:
+    """A box that stands along a wall and turns towards it hits it, though it is told to drive on."""
+    costmap = Costmap(WALL, Inflation.of(box(0.9, 0.4)))
+    beside, ahead = Pose(2.77, 3.0, math.pi / 2.0), Velocity(0.2, 0.0)
+    assert not collides(costmap, beside, ahead, 1.0)
+    assert collides(costmap, beside, ahead, 1.0, Inertia(Velocity(0.0, 1.0), 2.5, 3.2))
+
+
 def test_a_robot_does_not_creep_towards_what_rests() -> None:
     """It would come to 0.02 m of it; no allowance ends it."""
     here = Pose(3.0, 3.0, 0.0)
@@ -274,6 +308,16 @@ def seen_from(here: Pose, inflation: Inflation, ahead: float, beside: float) -> 
     angles, ranges = numpy.array([math.atan2(beside, ahead)]), numpy.array([math.hypot(beside, ahead)])
     layers.observe(Observation(here, angles, ranges), here)
     return layers.costmap
+
+
+def test_a_box_leaves_who_touches_it_without_a_turn() -> None:
+    """One who walks after it is touched by a corner that swings, though the box as a whole gets away."""
+    here, inflation = Pose(3.0, 3.0, 0.0), Inflation.of(box(0.4, 0.4))
+    apart = KeepingApart(0.26)
+    for ahead in (0.525, 0.225):
+        apart.look(costmap := seen_from(here, inflation, ahead, 0.175), here, ahead)
+    assert apart.leaves(costmap, here, Velocity(-0.2, 0.0))
+    assert not apart.leaves(costmap, here, Velocity(-0.2, 0.2))
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def test_a_path_that_crosses_itself_and_passes_its_own_end_is_driven_to_its_end(
 def test_a_path_that_was_planned_long_ago_is_joined_where_the_robot_is_by_now() -> None:
     """Even one step towards its beginning would be a turn on the spot."""
     before = follower(line((1.0, 1.0), (7.0, 1.0)))
-    before.speed = FOLLOWER.speed
+    before.step(Pose(4.5, 1.05, 0.0), 0.0)
     later = PathFollower(line((1.0, 1.0), (7.0, 1.0)), Costmap(OPEN, Inflation()), FOLLOWER, before)
     velocity = later.step(Pose(4.5, 1.05, 0.0), 0.0)
     assert velocity is not None
@@ -334,7 +334,8 @@ def test_progress_is_half_a_metre_in_ten_seconds_whatever_path_is_followed() -> 
     assert number * PERIOD > FOLLOWER.progress_time
     progress = ProgressChecker(FOLLOWER)
     for number in range(5 * steps):
-        progress.check(Pose(1.0 + 0.51 * number / steps, 1.0, 0.0), number * PERIOD, turning=False)
+        there = Pose(1.0 + 0.51 * number / steps, 1.0, 0.0)
+        progress.check(there, number * PERIOD, turning=False, left=1.0, yielding=False)
 
 
 def test_that_the_controller_was_held_up_is_no_lack_of_progress() -> None:
@@ -352,7 +353,7 @@ def test_where_poses_come_once_a_second_it_is_told_in_time_too() -> None:
     progress = ProgressChecker(FOLLOWER)
     with pytest.raises(NavigationError, match='moved less than'):
         for second in range(int(FOLLOWER.progress_time) + 2):
-            progress.check(Pose(1.0, 1.0, 0.0), float(second), turning=False)
+            progress.check(Pose(1.0, 1.0, 0.0), float(second), turning=False, left=1.0, yielding=False)
     assert second > FOLLOWER.progress_time
 
 

@@ -371,6 +371,21 @@ def test_an_obstacle_goes_its_way(order: str, expected: list[float]) -> None:
     assert seen == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize('order', ['loop', 'back_and_forth'])
+def test_two_obstacles_that_meet_where_they_cannot_pass_turn_back(order: str) -> None:
+    world = World()
+    ends = (0.0, 0.0), (4.0, 0.0)
+    for name, pose, waypoints in (('one', ends[0], ends), ('other', ends[1], ends[::-1])):
+        route = RouteModel(waypoints=waypoints, speed=1.0, order=order, patience=2.0)
+        world.add(name, ObstacleModel(pose=Pose(*pose, 0.0), route=route))
+    visits = dict.fromkeys(world.obstacles, 0)
+    for _ in range(400):
+        world.step(0.1)
+        for obstacle, end in zip(world.obstacles.values(), ends, strict=True):
+            visits[obstacle.name] += obstacle.pose.distance(Pose(*end, 0.0)) < 0.01
+    assert min(visits.values()) >= 3
+
+
 def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
     world = World()
     robot = world.add('alpha', RobotModel(lidar=None), Pose(1.0, 0.0, 0.0))

@@ -167,13 +167,15 @@ class WalkModel(Specification):
 
 @dataclass(frozen=True)
 class RouteModel(Specification):
-    """A way along points, at a constant speed. What moves waits while it is blocked."""
+    """A way along points, at a constant speed. What moves waits while it is blocked, and turns back in the end."""
 
     title: ClassVar[str] = 'route'
 
     waypoints: tuple[Point, ...] = key('the points, from where it is at the start: [[x, y], ...]', unit='m')
     speed: float = key('speed', 0.5, unit='m/s', low=0.01, high=30.0)
     order: str = key('what comes after the last point', 'loop', choices=('loop', 'back_and_forth', 'once'))
+    patience: float = key('time for which it is blocked before it turns back, unless it goes once', 10.0, unit='s',
+                          low=0.1, high=1e6)  # fmt: skip
 
     def conflicts(self) -> Iterable[str]:
         if not 1 <= len(self.waypoints) <= 10_000:
