@@ -286,6 +286,9 @@ class NodeExecutor(OpenExecutor):
         def all_of(kind: str) -> list[Any]:
             return [entity for node in nodes for entity in getattr(node, kind)]
 
+        for node in nodes:
+            known = node.default_callback_group.entities  # weak references, which rclpy keeps when they are dead
+            known.difference_update([one for one in tuple(known) if one() is None])
         guards = all_of('guards')
         for guard in guards:
             rclpy_private.trigger_again(guard)

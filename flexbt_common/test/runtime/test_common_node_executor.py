@@ -402,6 +402,16 @@ def test_what_is_destroyed_after_an_await_leaves_the_graph(bench: Bench) -> None
     bench.turn_until(lambda: node.count_subscribers('numbers') == 0, 'the end of the subscription')
 
 
+def test_of_what_is_destroyed_nothing_is_kept(bench: Bench) -> None:
+    known = bench.node.default_callback_group.entities
+    bench.executor.turn(0.0)
+    before = len(known)
+    for _ in range(20):
+        bench.node.destroy_service(bench.node.create_service(ControlTree, 'control', lambda _, response: response))
+        bench.executor.turn(0.0)
+    assert len(known) == before
+
+
 def test_a_coroutine_of_another_thread_ends_the_wait_however_late_it_is_known(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
