@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy
@@ -270,13 +271,16 @@ class CostmapServer:
     def _header(self) -> Header:
         return Header(frame_id=self._parameters.map_frame, stamp=self._runtime.clock.stamp())
 
-    def _shown_part(self, name: str) -> tuple[Box, Any]:
+    def _part(self, name: str) -> Box:
+        """The cells that are part of a costmap as others see it: of the local one those in the window."""
         layers = self._kept[name].layers
         world = layers.costmap.world
         if name == LOCAL and self._poses:
-            box = layers.window(self._poses[-1][1])
-        else:
-            box = Box(0, world.height, 0, world.width)
+            return layers.window(self._poses[-1][1])
+        return Box(0, world.height, 0, world.width)
+
+    def _shown_part(self, name: str) -> tuple[Box, Any]:
+        box, world = self._part(name), self._kept[name].layers.costmap.world
         corner = Pose(*world.point(box.bottom - 0.5, box.left - 0.5), world.origin.yaw)
         size = (box.right - box.left, box.top - box.bottom)
         return box, grid_info(corner, world.resolution, size, self._runtime.clock.stamp())
@@ -366,19 +370,24 @@ class CostmapServer:
         self._demand.take()
         if name not in self._kept:
             return None
-        if use_footprint:
-            costs = [self._cost(name, corner.x, corner.y) for corner in self._footprint(pose).polygon.points]
-            return float(max(LETHAL if cost is None else cost for cost in costs))
-        cost = self._cost(name, pose.x, pose.y)
-        return None if cost is None else float(cost)
+        box, costmap = self._part(name), self._kept[name].layers.costmap
 
-    def _cost(self, name: str, x: float, y: float) -> int | None:
-        box, _ = self._shown_part(name)
-        costmap = self._kept[name].layers.costmap
-        row, column = costmap.world.cell(x, y)
-        if not (box.bottom <= row < box.top and box.left <= column < box.right):
-            return None
-        return int(costmap.costs[row, column])
+        def cost_at(x: float, y: float) -> float | None:
+            row, column = costmap.world.cell(x, y)
+            is_inside = box.bottom <= row < box.top and box.left <= column < box.right
+            return float(costmap.costs[row, column]) if is_inside else None
+
+        if not use_footprint:
+            return cost_at(pose.x, pose.y)
+        corners = [(corner.x, corner.y) for corner in self._footprint(pose).polygon.points]
+        costs = [
+            cost_at(*place)
+            for start, end in pairwise([*corners, corners[0]])
+            for place in numpy.linspace(
+                start, end, 1 + math.ceil(2.0 * math.dist(start, end) / costmap.world.resolution)
+            )
+        ]
+        return float(max(LETHAL if cost is None else cost for cost in costs))
 
 
 def _distance(request: Any) -> float:

@@ -53,6 +53,16 @@ def test_a_footprint_costs_what_the_dearest_cell_on_its_outline_does(world: Robo
     assert cost(world, GLOBAL, 100.0, 4.0, use_footprint=True) == 254.0
 
 
+def test_an_obstacle_between_the_corners_of_a_footprint_counts() -> None:
+    across = (1.0, 3.45, math.pi / 2.0)  # the wall; both ends of the robot are free
+    with open_world(navigation={'footprint': '[[0.5, 0.1], [-0.5, 0.1], [-0.5, -0.1], [0.5, -0.1]]'}) as probe:
+        wait_until(lambda: cost(probe, GLOBAL, *DOCK[:2]) >= 0.0, 'the map at navigation')
+        request = GetCost.Request(x=across[0], y=across[1], theta=across[2], use_footprint=True)
+        assert probe.ask(GetCost, GLOBAL, request).cost == 254.0
+        request.y += 1.0
+        assert probe.ask(GetCost, GLOBAL, request).cost < 253.0
+
+
 def is_valid(world: RobotProbe, path: Path) -> tuple[bool, list[int]]:
     response = world.ask(IsPathValid, names.IS_PATH_VALID, IsPathValid.Request(path=path))
     return response.is_valid, list(response.invalid_pose_indices)
