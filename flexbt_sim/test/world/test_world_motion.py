@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_maps import drawn, places, rooms, worlds
 
@@ -384,6 +384,26 @@ def test_two_obstacles_that_meet_where_they_cannot_pass_turn_back(order: str) ->
         for obstacle, end in zip(world.obstacles.values(), ends, strict=True):
             visits[obstacle.name] += obstacle.pose.distance(Pose(*end, 0.0)) < 0.01
     assert min(visits.values()) >= 3
+
+
+@settings(deadline=None, max_examples=50)
+@given(*[st.floats(0.1, 1.0)] * 4, *[st.floats(-0.5, 0.5)] * 2, st.floats(-3.0, 3.0))
+def test_boxes_that_overlap_say_how_far_one_has_to_go(
+    length: float, width: float, other_length: float, other_width: float, x: float, y: float, yaw: float
+) -> None:
+    """Also where they cross and no corner is in the other: two who walk about could never part."""
+    one, other = box(length, width), box(other_length, other_width)
+    overlap = -gap(one, Pose(0.0, 0.0, 0.0), other, Pose(x, y, yaw))
+    assume(overlap > 0.01)
+
+    def parts(distance: float) -> bool:
+        return any(
+            gap(one, Pose(distance * math.cos(way), distance * math.sin(way), 0.0), other, Pose(x, y, yaw)) >= 0.0
+            for way in (turn + angle * math.pi / 2.0 for angle in range(4) for turn in (0.0, yaw))
+        )
+
+    assert parts(overlap + 1e-6)
+    assert not parts(overlap - 1e-6)
 
 
 def test_an_obstacle_waits_for_what_is_in_its_way() -> None:

@@ -124,17 +124,26 @@ def contains(shape: Shape, pose: Pose, x: float, y: float) -> bool:
 
 
 def _polygon_gap(one: Segments, other: Segments) -> float:
-    """Distance of two polygons; when they overlap, minus how deep a corner of one is in the other."""
-    inside = [_nearest(x, y, other) for x, y, *_ in one if _inside(x, y, other)]
-    inside += [_nearest(x, y, one) for x, y, *_ in other if _inside(x, y, one)]
-    if inside:
-        return -max(inside)
-    if any(_cross(a, b) for a in one for b in other):
-        return -SMALLEST
+    """Distance of two polygons; when they overlap, minus how far one has to move to leave the hull of the other."""
+    overlap = (
+        any(_inside(x, y, other) for x, y, *_ in one)
+        or any(_inside(x, y, one) for x, y, *_ in other)
+        or any(_cross(a, b) for a in one for b in other)
+    )
+    if overlap:
+        return -min(_overlap_across(side, one, other) for side in (*one, *other))
     return min(
         min(_nearest(x, y, other) for x, y, *_ in one),
         min(_nearest(x, y, one) for x, y, *_ in other),
     )
+
+
+def _overlap_across(side: tuple[float, float, float, float], one: Segments, other: Segments) -> float:
+    """How far two polygons overlap at right angles to a side."""
+    x0, y0, x1, y1 = side
+    length = math.hypot(x1 - x0, y1 - y0)
+    ours, theirs = ([(x * (y1 - y0) - y * (x1 - x0)) / length for x, y, *_ in sides] for sides in (one, other))
+    return min(max(ours) - min(theirs), max(theirs) - min(ours))
 
 
 def _nearest(x: float, y: float, sides: Segments) -> float:
