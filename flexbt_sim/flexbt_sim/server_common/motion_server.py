@@ -7,9 +7,8 @@ motion ends the one before, which is aborted. All of this happens on the executo
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from flexbt_common.calls import GoalServer, ServedGoal
@@ -34,14 +33,11 @@ class OnEnd(Protocol):
     def __call__(self, end: GoalEnd, seconds: float = 0.0) -> None: ...
 
 
-_numbers = itertools.count()
-
-
 @dataclass(eq=False)
 class RunningMotion:
     """A goal that drives the robot. ``feedback`` makes a feedback message of the motion; ``on_end`` ends the goal.
 
-    ``asked`` is a number that grows with each: it is taken when the motion is asked for.
+    ``asked``: the number of :meth:`MotionArbiter.ask`, for a motion that was prepared for a while.
 
     ``began`` and ``now`` are the times of the first and of the latest pose, s. By these the motion goes, not by the
     node's clock, which hears of the time by another topic: on a busy machine it may stand still meanwhile.
@@ -51,7 +47,7 @@ class RunningMotion:
     motion: Motion
     feedback: Callable[[Any], Any]
     on_end: OnEnd
-    asked: int = field(default_factory=_numbers.__next__)
+    asked: int | None = None
     poses: int = 0
     began: float = 0.0
     now: float = 0.0
@@ -65,21 +61,27 @@ class MotionArbiter:
         self.robot = robot
         self._watch: PoseWatch | None = None
         self.running: RunningMotion | None = None
-        self._newest = -1
+        self._asked = self._newest = 0
         self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
         self._is_held = False
         robot.on_pose.append(self._on_pose)
         robot.on_map = self._on_map
+
+    def ask(self) -> int:
+        """A motion is asked for: its number, which is greater than those before."""
+        self._asked += 1
+        return self._asked
 
     def start(self, newer: RunningMotion) -> None:
         """Let a motion drive, unless a newer one has begun while this one was prepared.
 
         A path that replaces a path is gone over to without a stop.
         """
-        if newer.asked < self._newest:
+        asked = self.ask() if newer.asked is None else newer.asked
+        if asked < self._newest:
             newer.on_end(TAKEN_OVER)
             return
-        self._newest = newer.asked
+        self._newest = asked
         if self.running is not None:
             rolling = isinstance(newer.motion, PathFollower) and isinstance(self.running.motion, PathFollower)
             self.end(TAKEN_OVER, stop=not rolling)
@@ -176,7 +178,7 @@ class MotionServer:
         if goal.cancel_requested:
             on_end(CANCELED)
             return
-        number = next(_numbers)
+        asked = self._arbiter.ask()
 
         def fail(error: Exception) -> None:
             on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
@@ -191,6 +193,6 @@ class MotionServer:
             except Exception as error:
                 fail(error)
             else:
-                self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
+                self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, asked))
 
         self._arbiter.robot.map_frame.poses(self._asked(goal.request), on_poses, fail)
