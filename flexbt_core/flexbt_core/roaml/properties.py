@@ -10,7 +10,6 @@ What was never sent is 0.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from flexbt_core.roaml.language import (
     names_in,
     read_text,
 )
-from flexbt_core.values import load_json, shown
+from flexbt_core.values import finite_number, load_json, shown
 
 _OPERATORS: Final = {
     '∧': '&&',
@@ -134,9 +133,10 @@ def _property(name: str, given: Any) -> Property:
     demand = None
     if given.get('op') in ('≥', '>=', '>', '≤', '<=', '<'):
         wanted = given.get('right')
-        if isinstance(wanted, bool) or not isinstance(wanted, int | float):
+        number = None if isinstance(wanted, str) else finite_number(wanted)
+        if number is None:
             raise PropertyError('a probability is compared with a number on the right')
-        demand = (_OPERATORS[given['op']], float(wanted))
+        demand = (_OPERATORS[given['op']], number)
         given = _mapping(given.get('left'))
     extreme = given.get('op')
     if extreme not in ('Pmin', 'Pmax'):
@@ -194,8 +194,8 @@ def _expression(given: Any, depth: int = 0) -> Expression:
     if depth > 60:
         raise PropertyError('it is nested more than 60 deep')
     if isinstance(given, bool | int | float):
-        if not math.isfinite(given):
-            raise PropertyError(f'{given} is no number')
+        if not isinstance(given, bool) and finite_number(given) is None:
+            raise PropertyError(f'{shown(given)} is no number')
         return Literal(given)
     if isinstance(given, str):
         return Name((given,))

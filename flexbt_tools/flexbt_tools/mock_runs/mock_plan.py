@@ -18,7 +18,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -33,6 +32,7 @@ from flexbt_core.values import (
     compose_yaml,
     construct_yaml,
     excerpt,
+    finite_number,
     hint,
     load_yaml,
     read_text,
@@ -215,9 +215,10 @@ class _Reader:
 
     def _seconds(self, node: yaml.Node) -> float:
         value = self._value(node)
-        if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value < math.inf:
-            return float(value)
-        self._error(node, f'{value!r} is no duration in seconds')
+        seconds = finite_number(value)
+        if seconds is not None and seconds >= 0.0:
+            return seconds
+        self._error(node, f'{shown(value)} is no duration in seconds')
         return 0.0
 
     def _place(self, node: yaml.Node, message: str) -> LoadError:

@@ -209,5 +209,6 @@ def test_a_scene_of_btpg(tmp_path: Path) -> None:
     assert (told['cost'], told['actions']) == (20.0, ['Walk(cup)', 'Grab(cup)'])
     assert tool('plan', str(scene)).code == 2
     assert 'no action needs or changes it' in tool('plan', str(scene), '--goal', 'Holding(mug)').err
-    actions.write_bytes(gzip.compress(b'{"name": 3}'))
-    assert 'action 1: expected JSON with name' in tool('plan', str(scene), '--goal', 'Holding(cup)').err
+    for wrong in ({'name': 3}, {**lines[0], 'cost': 10**400}):
+        actions.write_bytes(gzip.compress(json.dumps(wrong).encode()))
+        assert 'action 1: expected JSON with name' in tool('plan', str(scene), '--goal', 'Holding(cup)').err

@@ -26,6 +26,7 @@ from flexbt_core.behavior_tree import (
     output_port,
 )
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING
+from flexbt_core.values import shown
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
 from flexbt_testing.random_trees.nodes import make_case
 from flexbt_tools.errors import ToolError
@@ -237,6 +238,7 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
         'mocks: {Drive: [{gives: SUCCESS, after: ^-1, outputs: ^3}]}',
         ['-1 is no duration in seconds', 'outputs has to be a mapping, key: value'],
     ),
+    (f'mocks: {{Drive: {{gives: SUCCESS, after: ^{10**400}}}}}', [f'{shown(10**400)} is no duration in seconds']),
     (
         'mocks: {Drive: {gives: SUCCESS, delay: ^1}}',
         ["'delay' means nothing in a step; expected gives, after, outputs, reason"],

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 
-from flexbt_core.values import shown
+from flexbt_core.values import load_json, shown
 
 from .model import Action, Condition, PlanningError
 
@@ -23,7 +22,7 @@ def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> t
         PlanningError: a text is not of this form; names the line.
     """
     try:
-        initial = _literals(json.loads(scene)['initial'])
+        initial = _literals(load_json(scene)['initial'])
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise PlanningError(
             f'{source}: no scene of BTPG: expected JSON with a list "initial" ({shown(error)})'
@@ -31,12 +30,12 @@ def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> t
     found = []
     for number, line in enumerate(actions, 1):
         try:
-            entry = json.loads(line)
+            entry = load_json(line)
             effects = {name: _literals(entry[name]) for name in ('pre', 'add', 'del')}
             found.append(
                 Action(str(entry['name']), effects['pre'], effects['add'], effects['del'], float(entry['cost']))
             )
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
             raise PlanningError(
                 f'{source}, action {number}: expected JSON with name, pre, add, del and cost ({shown(error)})'
             ) from None
