@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -16,6 +15,7 @@ from flexbt_console.commands import AskedRobot, candidates
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import Command, Synthesis, SynthesisRequest, UserdataScope, View
 from flexbt_console.ui.interaction import Bound, Local, Meaning, Reading, carry_out, choose, interpret
+from flexbt_core.values import load_json
 
 from .station import PageStation
 
@@ -54,7 +54,7 @@ def read(text: str) -> dict[str, Any]:
         UsageError: it is none.
     """
     try:
-        message = json.loads(text)
+        message = load_json(text)
     except (ValueError, RecursionError):
         raise UsageError('the message is no JSON') from None
     if not isinstance(message, dict):

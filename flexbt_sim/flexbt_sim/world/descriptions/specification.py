@@ -8,10 +8,11 @@ them.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 import types
 import typing
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, TypeVar
 
@@ -29,6 +30,8 @@ Path = tuple[str | int, ...]
 """Where a value is: the keys and indices that lead to it."""
 
 S = TypeVar('S', bound='Specification')
+
+_type_hints: Callable[[Any], Mapping[str, Any]] = functools.cache(typing.get_type_hints)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def keys_of(specification: type[Specification]) -> Mapping[str, Key]:
 
 def types_of(specification: type[Specification]) -> Mapping[str, Any]:
     """The type of each key."""
-    return typing.get_type_hints(specification)
+    return _type_hints(specification)
 
 
 def written(name: str) -> str:
