@@ -48,6 +48,7 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime import (
+    COMPLAINT_SECONDS,
     UNKNOWN_WRITER,
     NodeRuntime,
     Received,
@@ -431,7 +432,7 @@ class _SeenToken:
             check_limits(status)
         except (ValueError, LimitExceededError) as error:
             logger = self._runtime.node.get_logger()
-            logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=5.0)
+            logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         identity = _identity_of(status)
         if received.writer != UNKNOWN_WRITER:

@@ -15,6 +15,7 @@ from .rclpy_private import (
     release_lifecycle,
 )
 from .received_messages import (
+    COMPLAINT_SECONDS,
     UNKNOWN_NODE,
     UNKNOWN_WRITER,
     Received,
@@ -32,6 +33,7 @@ __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
     'CALL_SECONDS',
+    'COMPLAINT_SECONDS',
     'HANG_SECONDS',
     'UNKNOWN_NODE',
     'UNKNOWN_WRITER',

@@ -17,6 +17,7 @@ from rclpy.subscription import Subscription
 from flexbt_common.values import MESSAGE
 
 from .rclpy_private import EXECUTOR, is_usable
+from .received_messages import COMPLAINT_SECONDS
 
 MOST_BYTES: Final[Mapping[type[Any], int]] = {PoseStamped: 2_000}
 """Of types whose messages are handed on again and again; of others, as many as a message may have at all."""
@@ -97,5 +98,5 @@ class LatestMessage:
         self._node.get_logger().error(
             f'{self._subscription.topic_name}: a message of {len(data)} bytes is left aside; at most {self._most} '
             'are allowed',
-            throttle_duration_sec=5.0,
+            throttle_duration_sec=COMPLAINT_SECONDS,
         )

@@ -28,6 +28,7 @@ from .loaded_library import loaded_function
 from .rclpy_private import EXECUTOR, is_usable
 
 __all__ = [
+    'COMPLAINT_SECONDS',
     'UNKNOWN_NODE',
     'UNKNOWN_WRITER',
     'Received',
@@ -36,6 +37,9 @@ __all__ = [
     'reports_writers',
     'writer_name',
 ]
+
+COMPLAINT_SECONDS: Final = 5.0
+"""From one line of the log about messages that cannot be used to the next, s: they may come at any rate."""
 
 UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
 """What rmw calls the node of an endpoint that it has just discovered."""

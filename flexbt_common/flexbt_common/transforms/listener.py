@@ -21,7 +21,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages
 from flexbt_common.values import MESSAGE, check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 
@@ -31,7 +31,6 @@ from .rigid_transform import Rigid
 TRANSFORM_TIMEOUT: Final = 1.0
 """How long a transform is waited for by default, s of wall time: whoever has just begun to listen has none."""
 
-COMPLAINT_SECONDS: Final = 5.0
 QUEUE: Final = 100
 REST_SECONDS: Final = 0.1
 """While nobody waits, messages are not asked for before so long after the last ones: a thousand a second find room in

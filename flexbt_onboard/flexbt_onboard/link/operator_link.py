@@ -19,7 +19,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
 from flexbt_common.values import LONG_TEXT, make_sendable
 from flexbt_core.values import Place, lines, one_line, sendable
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
@@ -75,7 +75,9 @@ class OperatorLink:
             self._echo.publish(ping.unpack(Header))
         except ValueError as error:
             logger = self._runtime.node.get_logger()
-            logger.error(f'{names.EXECUTIVE_PING}: left aside: {one_line(str(error))}', throttle_duration_sec=5.0)
+            logger.error(
+                f'{names.EXECUTIVE_PING}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
 
     def listen(self, on_command: OnCommand) -> None:
         """Take commands from now on; ``on_command`` is called on the executor thread."""

@@ -18,7 +18,7 @@ from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.values import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
@@ -96,7 +96,7 @@ class DockingServer:
             self._seen = self.runtime.clock.now(), poses[0]
 
         def on_error(error: Exception) -> None:
-            self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=5.0)
+            self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
         asked = asked_pose(message, 'the detected dock', 'TF_ERROR')
         self.arbiter.robot.map_frame.poses([asked], on_poses, on_error)

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_common.calls import GoalFault, goal_servers, set_error
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import YamlError
 from flexbt_sim.fault_messages import action_type, faults_of
@@ -20,8 +20,6 @@ from flexbt_sim.world import ServerDies, ServerFails, ServerFault, ServerHangs, 
 
 FAULTS_DEPTH: Final = 10
 """Messages that wait to be taken: at many times real time a short fault is over soon."""
-
-COMPLAINT_SECONDS: Final = 5.0
 
 
 class ServerFaults:

@@ -34,7 +34,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
-from flexbt_common.runtime import NodeRuntime, Received
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received
 from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
@@ -60,8 +60,8 @@ POSES: Final = 200
 GREATEST_STEP: Final = 0.5
 """Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
 
-COMPLAINT_SECONDS: Final = 5.0
-"""From one complaint to the next, s; so long the frame of a lidar may come after its scans without one."""
+LIDAR_FRAME_SECONDS: Final = 5.0
+"""So long, s, the frame of a lidar may come after its scans without a complaint."""
 
 _SHOWN: Final = numpy.array([0, *(1 + 97 * (cost - 1) // 251 for cost in range(1, 253)), 99, 100, -1], numpy.int8)
 """The occupancy that shows a cost, as Nav2 shows it: 99 for inscribed, 100 for lethal, -1 for unknown."""
@@ -221,7 +221,7 @@ class CostmapServer:
         except TransformError as error:
             now = self._runtime.steady.now()
             self._unplaced_since = min(self._unplaced_since, now)
-            if error.is_early and now - self._unplaced_since < COMPLAINT_SECONDS:
+            if error.is_early and now - self._unplaced_since < LIDAR_FRAME_SECONDS:
                 self._scan = scan
             else:
                 self._complain(error)

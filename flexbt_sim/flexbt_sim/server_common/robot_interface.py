@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.calls import ServedGoal
-from flexbt_common.runtime import NodeRuntime, Received
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
@@ -38,9 +38,6 @@ CHECK_SECONDS: Final = 0.1
 RETURN_SECONDS: Final = 3.0
 """For so long at least goals wait for the pose of a robot that was gone, s of wall time: a process that takes the place
 of one that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.liveness`)."""
-
-COMPLAINT_SECONDS: Final = 5.0
-"""Time between two lines of the log about poses that cannot be used."""
 
 
 class PoseWatch:

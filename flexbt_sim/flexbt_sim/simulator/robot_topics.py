@@ -26,7 +26,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import SimulationError
@@ -48,8 +48,6 @@ POSES: Final = 1000
 
 BATTERY_PERIOD: Final = 1.0
 """From one battery_state to the next, s."""
-
-COMPLAINT_SECONDS: Final = 5.0
 
 Stamp = tuple[int, int]
 """Seconds and nanoseconds."""

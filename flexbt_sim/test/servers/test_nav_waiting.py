@@ -172,10 +172,10 @@ def test_a_scan_waits_for_the_frame_of_its_lidar_and_one_that_never_comes_is_tol
         )
         assert not runtime.call(lambda: see(1.0))
         assert told == []
-        monkeypatch.setattr(costmap_server, 'COMPLAINT_SECONDS', 0.0)
+        monkeypatch.setattr(costmap_server, 'LIDAR_FRAME_SECONDS', 0.0)
         assert not runtime.call(lambda: see(2.0))
         assert len(told) == 1 and "'base_scan' is not known" in told[0]
-        monkeypatch.setattr(costmap_server, 'COMPLAINT_SECONDS', 1000.0)
+        monkeypatch.setattr(costmap_server, 'LIDAR_FRAME_SECONDS', 1000.0)
         assert not runtime.call(lambda: see(3.0))
         mounted = transform('base_link', 'base_scan', Pose(0.0, 0.0, 0.0), time_message(0.0))
         runtime.call(lambda: costmaps._receive_frames(TFMessage(transforms=[mounted])))
