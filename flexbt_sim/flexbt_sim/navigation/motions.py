@@ -207,6 +207,8 @@ class KeepingApart:
         speed = abs(velocity.linear) + swing
         if speed == 0.0 or here >= SIDE_GAP + SIDE_TIME * (speed + closing):
             return velocity
+        if here < 0.0 and swing > SLOWEST:
+            return None  # whoever touches it may follow, and is met by another corner
         escape = max(closing, AWAY * (speed if here < 0.0 else swing))
         # Who runs away has to do so for longer: after a corner that swings away there comes another one.
         times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)

@@ -318,6 +318,10 @@ def test_a_box_leaves_who_touches_it_without_a_turn() -> None:
         apart.look(costmap := seen_from(here, inflation, ahead, 0.175), here, ahead)
     assert apart.leaves(costmap, here, Velocity(-0.2, 0.0))
     assert not apart.leaves(costmap, here, Velocity(-0.2, 0.2))
+    apart = KeepingApart(0.26)
+    apart.look(costmap := seen_from(here, inflation, 0.175, 0.175), here, 0.0)
+    assert apart.limited(costmap, here, Velocity(-0.2, 0.0)) == Velocity(-0.2, 0.0)
+    assert apart.limited(costmap, here, Velocity(0.0, -1.0)) is None
 
 
 @pytest.mark.parametrize(
