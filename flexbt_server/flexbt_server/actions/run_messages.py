@@ -12,14 +12,11 @@ from flexbt_common.values import Encoding, duration_message
 from flexbt_core.behavior_tree import Blackboard, Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import MESSAGE_LIMIT, distance_along, seconds_left
+from flexbt_server.goals import MESSAGE_LIMIT, MOST_COUNTED, distance_along, recoveries, seconds_left
 from flexbt_server.runs import RunOutcome
-from flexbt_server.trees import RECOVERIES_KEY, entries_of
+from flexbt_server.trees import entries_of
 
 Result = BtExecute.Result
-
-MOST_POSES: Final = 2**15 - 1
-"""That the feedback can count."""
 
 REASON_LIMIT: Final = 1000
 """Characters of a reason for people: a leaf may give any text."""
@@ -37,17 +34,16 @@ def feedback_of(
     """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
     since the acceptance; ``not_ended``: canceled goals that go on.
     """
-    recoveries = board.get_or(RECOVERIES_KEY, 0)
     distance = distance_along(board.get_or('path', None), pose)
     poses = _poses_ahead(board)
     return BtExecute.Feedback(
         active_nodes=tree.active_nodes(),
         current_location=pose,
         execution_time=duration_message(max(0.0, seconds)),
-        number_of_recoveries=int(recoveries) if isinstance(recoveries, int | float) else 0,
+        number_of_recoveries=recoveries(board),
         distance_remaining=distance,
         time_remaining=seconds_left(distance, speed) or -1.0,
-        poses_remaining=min(len(poses), MOST_POSES) if poses else -1,
+        poses_remaining=min(len(poses), MOST_COUNTED) if poses else -1,
         goal=poses[-1] if poses else PoseStamped(),
         run_id=run_id,
         not_ended=not_ended,

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Goals that become runs of trees, whatever the action is by which they came."""
 
-from .progress import Speed, distance_along, distance_left, seconds_left
+from .progress import MOST_COUNTED, Speed, distance_along, distance_left, recoveries, seconds_left
 from .running_trees import RunningTree, TreeGoal
 from .tree_goals import MESSAGE_LIMIT, RunParameters, TreeGoals
 from .tree_reader import tree_reader
 
 __all__ = [
     'MESSAGE_LIMIT',
+    'MOST_COUNTED',
     'RunParameters',
     'RunningTree',
     'Speed',
@@ -15,6 +16,7 @@ __all__ = [
     'TreeGoals',
     'distance_along',
     'distance_left',
+    'recoveries',
     'seconds_left',
     'tree_reader',
 ]

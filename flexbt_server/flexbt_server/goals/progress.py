@@ -11,6 +11,16 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.time import Time
 
+from flexbt_core.behavior_tree import Blackboard
+from flexbt_core.values import finite_number
+from flexbt_server.trees import RECOVERIES_KEY
+
+MOST_COUNTED: Final = 2**15 - 1
+"""Recoveries and poses that feedback can count, an int16."""
+
+LONGEST: Final = 2.0**31 - 1.0
+"""Time that feedback can tell, s."""
+
 LEAST_SPEED: Final = 0.01
 LEAST_DISTANCE: Final = 0.1
 """Below these, m/s and m, no time is estimated, as in Nav2."""
@@ -64,7 +74,12 @@ def distance_left(path: Any, pose: PoseStamped) -> float:
 
 def seconds_left(distance: float, speed: float) -> float:
     """How long ``distance``, m, takes at ``speed``, m/s; 0 while the robot hardly moves, or is nearly there."""
-    return distance / speed if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
+    return min(distance / speed, LONGEST) if speed > LEAST_SPEED and distance > LEAST_DISTANCE else 0.0
+
+
+def recoveries(board: Blackboard) -> int:
+    """The recoveries that trees have counted on a blackboard, where anybody may write what he likes."""
+    return int(min(max(finite_number(board.get_or(RECOVERIES_KEY, 0)) or 0.0, 0.0), MOST_COUNTED))
 
 
 class Speed:

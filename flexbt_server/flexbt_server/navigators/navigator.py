@@ -17,17 +17,26 @@ from flexbt_common.errors import TransformError
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TransformListener
 from flexbt_common.values import duration_message, poses_of
-from flexbt_core.behavior_tree import Blackboard, Tree
+from flexbt_core.behavior_tree import Tree
 from flexbt_core.values import sendable
 from flexbt_msgs.action import BtExecute
-from flexbt_server.goals import MESSAGE_LIMIT, RunningTree, Speed, TreeGoal, TreeGoals, distance_left, seconds_left
+from flexbt_server.goals import (
+    MESSAGE_LIMIT,
+    MOST_COUNTED,
+    RunningTree,
+    Speed,
+    TreeGoal,
+    TreeGoals,
+    distance_left,
+    recoveries,
+    seconds_left,
+)
 from flexbt_server.nav2 import concluded, pending
 from flexbt_server.runs import RunOutcome
 from flexbt_server.trees import (
     PATH,
     POSE_STAMPED,
     POSES,
-    RECOVERIES_KEY,
     WAYPOINT_STATUSES,
     Blackboards,
     TrackingFeedback,
@@ -46,9 +55,6 @@ ACTIONS: Final = {names.NAVIGATE_TO_POSE: NavigateToPose, names.NAVIGATE_THROUGH
 
 TRACKING_KEY: Final = 'tracking_feedback'
 """The key under which main's trees keep what the controller says of how the robot is on its path."""
-
-_MOST_POSES: Final = 2**15 - 1
-"""An int16 has no more."""
 
 
 class Navigator:
@@ -158,12 +164,12 @@ class NavigatorGoal(TreeGoal):
             current_pose=pose,
             navigation_time=duration_message(seconds),
             estimated_time_remaining=duration_message(seconds_left(distance, self.navigator.speed.at(pose))),
-            number_of_recoveries=_recoveries(board),
+            number_of_recoveries=recoveries(board),
             distance_remaining=float(distance),
         )
         if hasattr(feedback, 'number_of_poses_remaining'):
             poses = board.get_or(parameters.goals_key, [])
-            feedback.number_of_poses_remaining = min(len(poses) if isinstance(poses, list) else 0, _MOST_POSES)
+            feedback.number_of_poses_remaining = min(len(poses) if isinstance(poses, list) else 0, MOST_COUNTED)
         if hasattr(feedback, 'position_tracking_error'):  # as in main
             tracked = board.get_or(TRACKING_KEY, TrackingFeedback())
             feedback.position_tracking_error = tracked.position_tracking_error
@@ -190,8 +196,3 @@ class NavigatorGoal(TreeGoal):
         result = self.navigator.action_type.Result()
         result.error_code, result.error_msg = getattr(result, 'UNKNOWN', 0), why
         return result
-
-
-def _recoveries(board: Blackboard) -> int:
-    count = board.get_or(RECOVERIES_KEY, 0)
-    return min(int(count), _MOST_POSES) if isinstance(count, int | float) else 0
