@@ -13,7 +13,7 @@ import numpy
 import scipy
 from numpy.typing import NDArray
 
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Pose, compose
 
 MOST: Final = 1e9
 """The greatest number that means anything, whatever its unit."""
@@ -156,23 +156,16 @@ class RouteGraph:
 
     def moved(self, frame: str, origins: Mapping[str, Pose]) -> RouteGraph:
         """The same graph in one frame; ``origins`` are the poses in it of the other frames."""
-        place = _placing(frame, origins)
-        nodes = {id: place(node) for id, node in self.nodes.items()}
+
+        def place(node: RouteNode) -> RouteNode:
+            x, y, _ = compose(origins[node.frame], Pose(node.x, node.y, 0.0))
+            return replace(node, x=x, y=y, frame=frame)
+
+        nodes = {id: node if node.frame == frame else place(node) for id, node in self.nodes.items()}
         return RouteGraph(
             nodes,
             [replace(edge, start=nodes[edge.start.id], end=nodes[edge.end.id]) for edge in self.edges],
         )
-
-
-def _placing(frame: str, origins: Mapping[str, Pose]) -> Callable[[RouteNode], RouteNode]:
-    def place(node: RouteNode) -> RouteNode:
-        if node.frame == frame:
-            return node
-        x, y, yaw = origins[node.frame]
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return replace(node, x=x + node.x * cos - node.y * sin, y=y + node.x * sin + node.y * cos, frame=frame)
-
-    return place
 
 
 def speed_limit(edge: RouteEdge) -> float:

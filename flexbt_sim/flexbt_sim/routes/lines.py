@@ -10,9 +10,7 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap
-
-Point = tuple[float, float]
-"""x and y, m."""
+from flexbt_sim.world import Point
 
 CELLS_AT_A_TIME: Final = 1_000_000
 """Of many lines; more take as long, and more memory."""

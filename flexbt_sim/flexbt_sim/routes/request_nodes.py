@@ -10,10 +10,10 @@ from itertools import product
 from typing import Final
 
 from flexbt_sim.costmaps import INSCRIBED, Costmap
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Point, Pose
 
 from .graph import RouteGraph, RouteNode
-from .lines import Point, closest_point, cosine, line_costs
+from .lines import closest_point, cosine, line_costs
 from .route import Route
 
 NEAREST_NODES: Final = 5

@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Point, Pose
 
-from .lines import Point
 from .route import Route
 
 

@@ -57,6 +57,7 @@ from .plane import (
     Body,
     Circle,
     OccupancyMap,
+    Point,
     Polygon,
     Pose,
     RayCaster,
@@ -64,14 +65,16 @@ from .plane import (
     Shape,
     box,
     compiled,
+    compose,
     drive,
     gap,
     generator,
+    inverse,
     load_map,
     outlines,
     wrap,
 )
-from .robot import Battery, Robot, Scan, compose, inverse
+from .robot import Battery, Robot, Scan
 from .scenery import Door, Entity, Obstacle, Station, Zone
 from .world import EntityModel, EntityState, Snapshot, World, prepare_world
 
@@ -117,6 +120,7 @@ __all__ = [
     'OccupancyMap',
     'OdometryModel',
     'Pacer',
+    'Point',
     'Polygon',
     'Pose',
     'RayCaster',

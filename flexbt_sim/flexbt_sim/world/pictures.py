@@ -15,8 +15,8 @@ from PIL import Image, ImageDraw
 
 from flexbt_sim.errors import SimulationError
 
-from .plane import UNKNOWN, Circle, OccupancyMap, Point, Pose, Shape
-from .robot import Robot, Scan, compose
+from .plane import UNKNOWN, Circle, OccupancyMap, Point, Pose, Shape, compose
+from .robot import Robot, Scan
 from .scenery import Obstacle
 from .world import World
 

@@ -21,7 +21,7 @@ from .descriptions import (
     Specification,
     StuckWheel,
 )
-from .plane import Body, Normals, Pose, Sensor, Surroundings, drive, generator, wrap
+from .plane import Body, Normals, Pose, Sensor, Surroundings, compose, drive, generator, inverse, wrap
 
 CONVERGENCE: Final = (1.0, 0.8)
 """Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
@@ -314,18 +314,6 @@ class Robot(Body):
             self._correction = self._by_map if in_shadow else None
         self.zones, self.speed_limit, self.in_shadow = zones, speed_limit, in_shadow
         self.violations += forbidden
-
-
-def compose(one: Pose, other: Pose) -> Pose:
-    """The pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
-    cos, sin = math.cos(one.yaw), math.sin(one.yaw)
-    return Pose(one.x + other.x * cos - other.y * sin, one.y + other.x * sin + other.y * cos, wrap(one.yaw + other.yaw))
-
-
-def inverse(pose: Pose) -> Pose:
-    """The pose of the frame that a pose is given in, in the frame of the pose."""
-    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
-    return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
 
 
 def _approach(value: float, target: float, step: float) -> float:

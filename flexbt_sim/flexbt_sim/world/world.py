@@ -31,8 +31,8 @@ from .descriptions import (
     ZoneModel,
     fault_parameters,
 )
-from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Shape, Space, box, check_pose, outlines
-from .robot import Robot, compose
+from .plane import Blocks, Body, Circle, OccupancyMap, Pose, RayCaster, Shape, Space, box, check_pose, compose, outlines
+from .robot import Robot
 from .scenery import Door, Entity, Obstacle, Station, Zone
 
 MAX_ENTITIES: Final = 10_000

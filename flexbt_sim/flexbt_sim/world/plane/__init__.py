@@ -5,7 +5,7 @@ from . import loops
 from .acceleration import compiled
 from .blocks import Blocks
 from .bodies import Body, Normals, Surroundings, generator
-from .geometry import FARTHEST, Pose, drive, wrap
+from .geometry import FARTHEST, Pose, compose, drive, inverse, wrap
 from .occupancy_map import (
     FAR,
     FREE,
@@ -47,10 +47,12 @@ __all__ = [
     'box',
     'check_pose',
     'compiled',
+    'compose',
     'contains',
     'drive',
     'gap',
     'generator',
+    'inverse',
     'load_map',
     'loops',
     'outlines',

@@ -46,3 +46,15 @@ def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
         pose.y + chord * math.sin(pose.yaw + half),
         wrap(pose.yaw + 2.0 * half),
     )
+
+
+def compose(one: Pose, other: Pose) -> Pose:
+    """The pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
+    cos, sin = math.cos(one.yaw), math.sin(one.yaw)
+    return Pose(one.x + other.x * cos - other.y * sin, one.y + other.x * sin + other.y * cos, wrap(one.yaw + other.yaw))
+
+
+def inverse(pose: Pose) -> Pose:
+    """The pose of the frame that a pose is given in, in the frame of the pose."""
+    cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+    return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
