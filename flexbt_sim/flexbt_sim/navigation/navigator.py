@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drives a robot of a simulated world to goals, without ROS: for notebooks, tests and figures.
+"""Drives robots of a simulated world to goals, without ROS: for notebooks, tests and figures.
 
 Planner, costmaps and controller are those of the navigation servers; what is done when they fail is what Nav2's default
 tree does (navigate_to_pose_w_replanning_and_recovery).
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from itertools import cycle
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy
 
@@ -39,6 +39,10 @@ RECOVERABLE: Final = frozenset(
 )
 """Errors at which Nav2's WouldAPlannerRecoveryHelp and WouldAControllerRecoveryHelp say yes."""
 
+T = TypeVar('T')
+Steps = Generator[None, None, T]
+"""What drives a robot: between two commands a PERIOD passes."""
+
 
 @dataclass
 class Trip:
@@ -55,7 +59,8 @@ class Trip:
 
 
 class Navigator:
-    """Drives one robot. What else is in the world moves on meanwhile."""
+    """Drives one robot: :meth:`navigate` until it is there; or together with others, by :meth:`start` and
+    :meth:`step`. What else is in the world moves on meanwhile."""
 
     def __init__(
         self,
@@ -86,17 +91,36 @@ class Navigator:
         lidar = self._robot.model.lidar
         if lidar is not None:
             self._angles = lidar.angle_min + lidar.angle_increment * numpy.arange(lidar.beams, dtype=numpy.float64)
+        self._steps: Steps[None] | None = None
         self.on_step: Callable[[], None] = lambda: None
 
     def navigate(self, goal: Pose, timeout: float = 3600.0) -> Trip:
         """Drive to a goal; ``timeout`` in s of simulated time."""
+        trip = self.start(goal, timeout)
+        while self.step():
+            self._world.step(PERIOD)
+        return trip
+
+    def start(self, goal: Pose, timeout: float = 3600.0) -> Trip:
+        """Begin to drive to a goal, in place of the one before; the trip is told what becomes of it when it is over."""
         trip = Trip(goal)
+        self._steps = self._drive_to(trip, timeout)
+        return trip
+
+    def step(self) -> bool:
+        """Give the next command, if there is one: a PERIOD of simulated time has to pass until the next call. False
+        when the trip is over."""
+        if self._steps is not None and next(self._steps, self) is self:
+            self._steps = None
+        return self._steps is not None
+
+    def _drive_to(self, trip: Trip, timeout: float) -> Steps[None]:
         world, robot = self._world, self._robot
         began, contacts, until = world.time, robot.contacts, world.time + timeout
         recoveries = cycle((self._clear, self._spin, self._wait, self._back_up))
         while True:
             try:
-                self._follow(trip, until)
+                yield from self._follow(trip, until)
             except NavigationError as error:
                 trip.code = error.code
                 trip.errors.append(f'{error.code}: {error}')
@@ -105,13 +129,12 @@ class Navigator:
             if trip.code not in RECOVERABLE or trip.recoveries == RETRIES or world.time >= until:
                 break
             trip.recoveries += 1
-            while not next(recoveries)():  # as RoundRobin: one that fails is followed by the next at once
+            while not (yield from next(recoveries)()):  # as RoundRobin: one that fails is followed by the next at once
                 pass
-        self._rest()
+        yield from self._rest()
         trip.seconds, trip.contacts = world.time - began, robot.contacts - contacts
-        return trip
 
-    def _follow(self, trip: Trip, until: float) -> None:
+    def _follow(self, trip: Trip, until: float) -> Steps[None]:
         """Plan each second and follow the newest path. A failure is tried again once, on a cleared costmap."""
         follower: PathFollower | None = None
         asked, plan = -math.inf, None
@@ -123,10 +146,10 @@ class Navigator:
             if plan is not None and now - asked >= self._plan_seconds - 1e-6:
                 follower, plan = PathFollower(plan, self._local.costmap, self._limits, follower), None
             if follower is None:
-                self._drive(STOP)
+                yield from self._drive(STOP)
                 continue
             try:
-                if self._step(follower, trip):
+                if (yield from self._move(follower, trip)):
                     return
             except NavigationError as error:
                 if error.code not in RECOVERABLE or not may_retry:
@@ -134,7 +157,7 @@ class Navigator:
                 trip.errors.append(f'{error.code}: {error}')
                 may_retry = False
                 self._local.clear()
-                self._drive(STOP)
+                yield from self._drive(STOP)
                 follower, asked, plan = None, -math.inf, None
         raise NavigationError('TIMEOUT', 'the goal is not reached in time')
 
@@ -150,19 +173,19 @@ class Navigator:
             self._path = planner.plan(self._robot.estimate, trip.goal, before=[self._path])
         return self._path
 
-    def _step(self, motion: Motion, trip: Trip | None = None) -> bool:
+    def _move(self, motion: Motion, trip: Trip | None = None) -> Steps[bool]:
         """One period of a motion; whether it is complete."""
         velocity = motion.step(self._robot.estimate, self._world.time)
         before = self._robot.pose
-        self._drive(velocity or STOP)
+        yield from self._drive(velocity or STOP)
         if trip is not None:
             trip.length += before.distance(self._robot.pose)
         return velocity is None
 
-    def _drive(self, velocity: Velocity) -> None:
+    def _drive(self, velocity: Velocity) -> Steps[None]:
         self._under_way.append(velocity)
         self._robot.command(*self._under_way.popleft(), self._world.time)
-        self._world.step(PERIOD)
+        yield
         self._observe()
         self.on_step()
 
@@ -180,33 +203,36 @@ class Navigator:
 
     # -- recoveries --------------------------------------------------------------------------------------------------
 
-    def _clear(self) -> bool:
+    def _clear(self) -> Steps[bool]:
         self._local.clear()
         self._global.clear()
+        yield from ()
         return True
 
-    def _spin(self) -> bool:
-        return not self._limits.turning_radius and self._complete(SpinMotion(1.57, 10.0, self._local.costmap))
+    def _spin(self) -> Steps[bool]:
+        if self._limits.turning_radius:
+            return False
+        return (yield from self._complete(SpinMotion(1.57, 10.0, self._local.costmap)))
 
-    def _back_up(self) -> bool:
-        return self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap))
+    def _back_up(self) -> Steps[bool]:
+        return (yield from self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap)))
 
-    def _wait(self) -> bool:
+    def _wait(self) -> Steps[bool]:
         until = self._world.time + 5.0
         while self._world.time < until:
-            self._drive(STOP)
+            yield from self._drive(STOP)
         return True
 
-    def _complete(self, motion: Motion) -> bool:
+    def _complete(self, motion: Motion) -> Steps[bool]:
         """Whether the recovery succeeds."""
         try:
-            while not self._step(motion):
+            while not (yield from self._move(motion)):
                 pass
         except NavigationError:
-            self._drive(STOP)
+            yield from self._drive(STOP)
             return False
         return True
 
-    def _rest(self) -> None:
+    def _rest(self) -> Steps[None]:
         while any(velocity != STOP for velocity in self._under_way) or self._robot.linear or self._robot.angular:
-            self._drive(STOP)
+            yield from self._drive(STOP)

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.navigation import Navigator, Trip
+from flexbt_sim.navigation import PERIOD, Navigator, Trip
 from flexbt_sim.world import (
     MODELS,
     Circle,
@@ -238,3 +238,19 @@ def test_it_keeps_out_of_a_no_go_zone() -> None:
     trip = Navigator(world, 'robot').navigate(Pose(6.0, 0.0, 0.0))
     assert (trip.code, trip.contacts, robot.violations) == ('', 0, 0)
     assert trip.length > 6.3
+
+
+def test_several_drive_in_one_world_each_to_goals_of_its_own() -> None:
+    world = World(walled(80, 80, 0.05, lambda cells: None))
+    places = [Pose(-0.4, -1.4, 0.0), Pose(2.4, -1.4, 2.0), Pose(1.0, 1.4, -1.57)]
+    for number, place in enumerate(places):
+        world.add(f'robot{number}', SEEING, place)
+    navigators = [Navigator(world, name) for name in world.robots]
+    trips = [one.start(goal) for one, goal in zip(navigators, [*places[1:], places[0]], strict=True)]
+    while sum(one.step() for one in navigators):
+        world.step(PERIOD)
+    for trip, robot in zip(trips, world.robots.values(), strict=True):
+        assert (trip.code, trip.contacts) == ('', 0), trip
+        assert robot.pose.distance(trip.goal) < 0.25
+    assert world.time < sum(trip.seconds for trip in trips)
+    assert not any(one.step() for one in navigators)
