@@ -31,6 +31,9 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Nodes with a lifecycle in the process, and so in the enclave, of another node: :mod:`.lifecycle.managed_part`."""
 
+SETTABLE_SERVERS: Final = ('controller_server', 'planner_server')
+"""Those of these nodes that have parameters."""
+
 
 class Kind(Enum):
     """What an interface is; the value is the word of a policy for it."""
@@ -92,21 +95,27 @@ def _actions(*actions: str, to: tuple[str, ...], by: str | None = None) -> tuple
     return tuple(Interface(Kind.ACTION, name, () if by is None else (by,), to) for name in actions)
 
 
+def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
+    """The services by which rclpy gives parameters of nodes."""
+    services = (
+        'describe_parameters',
+        'get_parameter_types',
+        'get_parameters',
+        'list_parameters',
+        'set_parameters',
+        'set_parameters_atomically',
+    )
+    return _services(*(f'{node}/{service}' for node in nodes for service in services), by=by)
+
+
 OF_NODES: Final[tuple[Interface, ...]] = (
     *_topics('/rosout', by=EVERY_NODE),
     *_topics('/parameter_events', by=EVERY_NODE, to=EVERY_NODE),
-    *_services(
-        '~/describe_parameters',
-        '~/get_parameter_types',
-        '~/get_parameters',
-        '~/list_parameters',
-        '~/set_parameters',
-        '~/set_parameters_atomically',
-        '~/get_type_description',
-        by=EVERY_NODE,
-    ),
+    *_parameters('~', by=EVERY_NODE),
+    *_services('~/get_type_description', by=EVERY_NODE),
     *_managed('~', by=tuple(sorted(MANAGED))),
     *(interface for node, parts in PARTS.items() for interface in _managed(*parts, by=(node,))),
+    *_parameters(*SETTABLE_SERVERS, by=(NAVIGATION,)),
 )
 """What rclpy gives each node. Nobody of these roles may set parameters or change a lifecycle state."""
 

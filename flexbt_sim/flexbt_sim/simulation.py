@@ -20,7 +20,7 @@ from flexbt_sim.simulator import Simulator
 
 
 class Simulation:
-    """A simulator on a running node, and navigation servers on nodes of their own, those of ``navigations``."""
+    """A simulator on a running node, and navigation servers on nodes of their own."""
 
     def __init__(self, simulator: NodeRuntime, args: list[str] | None = None) -> None:
         """``args``: those of the process, without its name; None for sys.argv. Must be called off the executor thread.
@@ -31,11 +31,8 @@ class Simulation:
         self._simulator = simulator
         self._args = sys.argv[1:] if args is None else args
         self._in_process = IntraProcessTopics()
-        self.navigations: list[NodeRuntime] = []
-        running = Simulator(simulator, self._in_process)
-        for namespace in running.namespaces:
+        for namespace in Simulator(simulator, self._in_process).namespaces:
             self._navigate(f'{simulator.node.get_namespace().rstrip("/")}/{namespace}'.rstrip('/') or '/')
-        simulator.on_close(running.stop)  # before anything else: by a world that moves every node has something to do
 
     def _navigate(self, namespace: str) -> None:
         """Start the servers of a robot. They end with the simulator, and it with them when they cannot go on."""
@@ -43,13 +40,11 @@ class Simulation:
         rules = (f'__node:={names.NAVIGATION}', f'__ns:={namespace}')
         there = ['--ros-args', *(word for rule in rules for word in ('-r', f'{names.NAVIGATION}:{rule}')), '--']
         runtime = NodeRuntime(names.NAVIGATION, args=[*there, *self._args], parameters={'use_sim_time': True})
-        for other in self.navigations:  # what each makes, and takes back at the end, would be told to all others
+        for other in self._simulator.further:  # to whom it would tell all that it makes, and takes back at the end
             ignore_each_other(runtime.node, other.node)
-        self.navigations.append(runtime)
-        self._simulator.on_close(runtime.close)
+        self._simulator.further.append(runtime)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'
         runtime.on_failure(lambda: self._simulator.abort(f'{told}: {runtime.health.failure}'))
-        self._simulator.nodes.append(runtime.node)
         Navigation(runtime, self._in_process)
 
 

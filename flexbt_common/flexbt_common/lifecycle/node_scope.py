@@ -28,6 +28,7 @@ class NodeScope(NodeRuntime):
         self._host = host
         self.node = host.node
         self.name = host.name
+        self.nodes = host.nodes
         self.simulated_time = host.simulated_time
         self.clock = host.clock
         self.steady = host.steady
@@ -91,7 +92,7 @@ class NodeScope(NodeRuntime):
 
     def close(self) -> None:
         """End the scope. May be called twice, not from the executor thread."""
-        self._close_components()
+        self.close_components()
         if not self.closed:
             self._host.call(self._end)
 

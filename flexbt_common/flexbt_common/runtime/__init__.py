@@ -4,6 +4,7 @@
 from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
+from .node_executor import make_executor
 from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
 from .parameters import ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
@@ -55,6 +56,7 @@ __all__ = [
     'ignore_each_other',
     'ignore_participant',
     'is_usable',
+    'make_executor',
     'participant_of',
     'refuse_while_configured',
     'release_lifecycle',

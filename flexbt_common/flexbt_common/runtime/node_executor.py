@@ -46,7 +46,7 @@ from . import rclpy_private
 from .rclpy_private import Later, OpenExecutor, Take
 from .simulated_time import LONGEST_WAIT, ListeningTime, SimulatedTime, is_clock_subscription
 
-__all__ = ['NodeExecutor', 'StockNodeExecutor', 'node_executor']
+__all__ = ['NodeExecutor', 'StockNodeExecutor', 'make_executor']
 
 _CHECK_SECONDS: Final = 1.0
 _CHECK_TOLERANCE: Final = 0.1
@@ -74,7 +74,7 @@ def is_misfit(event: QoSPublisherEventType | QoSSubscriptionEventType) -> bool:
     return (type(event), event) in _MISFITS
 
 
-def node_executor(
+def make_executor(
     node: Node,
     on_fault: Callable[[Exception], None],
     on_turn: Callable[[], object],

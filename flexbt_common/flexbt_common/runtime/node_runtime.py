@@ -10,7 +10,8 @@ A node that cannot go on says so by :meth:`NodeRuntime.abort`; so does one whose
 ended it. It is not alive for others any more, and its process ends with an exit code that is not 0.
 
 The order of the end, which is silent whatever the node was doing: the components in reverse order of their
-:meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context.
+:meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context. Of several
+runtimes of one process, the components of all end first.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from . import rclpy_private
 from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
-from .node_executor import node_executor
+from .node_executor import make_executor
 from .parameters import refusing_unknown_types, unknown_parameters
 from .ros_clock import RosClock
 
@@ -140,14 +141,18 @@ class NodeRuntime:
             rclpy.try_shutdown(context=self._context)
             raise
         self.name = self.node.get_name()
-        self.nodes = [self.node]
-        """With those of other runtimes of this process that the parameters in its arguments are for, too."""
+        self.nodes: list[Node] = [self.node]
+        """Those that are destroyed at the end, the last one first."""
+        self.further: list[NodeRuntime] = []
+        """Other runtimes of this process, which end with it. The arguments of the process are for their nodes, too."""
+        self.is_at_rest = False
+        """Whether everything has come to its end but for the nodes, which are still to be taken out of the graph."""
         self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
         self.health = Health(self.steady)
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
-        self._executor = node_executor(self.node, self._on_escaped, self.health.check_pause, self._later)
+        self._executor = make_executor(self.node, self._on_escaped, self.health.check_pause, self._later)
         self.simulated_time = self._executor.simulated_time
         self.listening_time = self._executor.listening_time
         self._doorbell = self.node.create_guard_condition(lambda: None)
@@ -323,7 +328,15 @@ class NodeRuntime:
 
     def close(self) -> None:
         """End everything in the documented order. May be called twice, not from the executor thread."""
-        self._close_components()
+        runtimes = (*reversed(self.further), self)
+        for runtime in runtimes:
+            runtime.close_components()
+        self.is_at_rest = True
+        for runtime in runtimes:
+            runtime.leave_graph()
+
+    def leave_graph(self) -> None:
+        """The second part of the end: executor, nodes and context."""
         with self._lock:
             if self._is_closing:
                 return
@@ -332,20 +345,20 @@ class NodeRuntime:
         self.steady.close()
         self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
         self._thread.join()
-        further = [node for node in self._executor.get_nodes() if node is not self.node]
         self._executor.shutdown()
         with self._lock:
             for future in self._calls:
                 future.cancel()
+        end_callbacks(self.node)
         for waitable in list(self.node.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()  # the node does not do it, and would stay in the graph with them
-        end_callbacks(self.node)
-        for node in (*further, self.node):
+        for node in reversed(self.nodes):
             node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def _close_components(self) -> None:
+    def close_components(self) -> None:
+        """The first part of the end: whatever has asked for it by :meth:`on_close`."""
         with self._lock:
             callbacks, self._on_close = self._on_close, []
         for callback in reversed(callbacks):
@@ -481,7 +494,7 @@ def run_node(
 
 
 def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
-    for line in unknown_parameters(runtime.nodes):
+    for line in unknown_parameters([one.node for one in (runtime, *runtime.further)]):
         runtime.node.get_logger().warning(line)
 
 
@@ -512,7 +525,7 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
 def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     if runtime is None:
         return
-    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name])
+    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
     in_time.daemon = True
     in_time.start()
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
@@ -522,6 +535,8 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     in_time.cancel()
 
 
-def _leave_now(name: str) -> None:
+def _leave_now(name: str, runtime: NodeRuntime) -> None:
+    if runtime.is_at_rest:  # a whole fleet: the others notice that its process is gone
+        os._exit(1 if runtime.has_failed else 0)
     print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
     os._exit(1)

@@ -3,10 +3,17 @@
 
 from __future__ import annotations
 
+import threading
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+
 from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.lifecycle_client import LifecycleClient
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 def test_a_manager_takes_it_through_its_states() -> None:
@@ -57,3 +64,31 @@ def test_it_is_a_node_as_long_as_it_is_there() -> None:
         wait_until(lambda: ('amcl', '/robot1') in names_and_namespaces(), names_and_namespaces)
         host.close()
         wait_until(lambda: not {name for name, _ in names_and_namespaces()} & {'host', 'amcl'}, names_and_namespaces)
+
+
+def test_its_parameters_can_be_set_at_any_time_as_those_of_any_node() -> None:
+    told: list[tuple[float, bool]] = []
+    with NodeRuntime.open('host', namespace='/robot1') as host, NodeRuntime.open('person') as person:
+        part = host.call(lambda: ManagedPart(host, 'controller_server', has_parameters=True))
+        bounds = ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=0.1, to_value=1.0)])
+        host.call(
+            lambda: part.declare('FollowPath.speed', 0.3, bounds, lambda v: told.append((v, host.on_executor_thread)))
+        )
+        client = person.call(lambda: AsyncParameterClient(person.node, '/robot1/controller_server'))  # as ros2 param's
+        assert client.wait_for_services(DEADLINE)
+
+        def answer(ask: Any) -> Any:
+            future, done = person.call(ask), threading.Event()
+            person.call(lambda: future.add_done_callback(lambda _: done.set()))
+            assert done.wait(DEADLINE)
+            return future.result()
+
+        assert 'FollowPath.speed' in answer(client.list_parameters).result.names
+        for value, successful in ((0.2, True), (7.0, False), ('fast', False)):
+            wanted = Parameter('FollowPath.speed', value=value)
+            (result,) = answer(lambda wanted=wanted: client.set_parameters([wanted])).results
+            assert result.successful is successful, result.reason
+            assert answer(lambda: client.get_parameters(['FollowPath.speed'])).values[0].double_value == 0.2
+        (result,) = answer(lambda: client.set_parameters([Parameter('FollowPath.lookahead', value=1.0)])).results
+        assert not result.successful
+        assert told == [(0.2, True)]

@@ -27,7 +27,7 @@ from rclpy.task import Future, Task
 from std_msgs.msg import Int32
 
 from flexbt_common.runtime import LatestMessage
-from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, node_executor
+from flexbt_common.runtime.node_executor import NodeExecutor, is_misfit, make_executor
 from flexbt_common.runtime.rclpy_private import SWITCH
 from flexbt_msgs.srv import ControlTree
 from flexbt_testing.waiting import DEADLINE
@@ -159,7 +159,7 @@ def test_only_events_of_ends_that_do_not_fit_may_come_late(kind: Any) -> None:
 @pytest.mark.parametrize('stock', ['0', '1'])
 def test_a_message_that_nobody_waits_for_is_kept_for_who_asks(monkeypatch: pytest.MonkeyPatch, stock: str) -> None:
     monkeypatch.setenv(SWITCH, stock)
-    with open_bench(node_executor) as bench:
+    with open_bench(make_executor) as bench:
         awaits = threading.Event()
         called: list[int | None] = []
 

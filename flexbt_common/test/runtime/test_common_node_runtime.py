@@ -25,14 +25,16 @@ from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 PROGRAM = """
 import sys
+import time
 from flexbt_common.runtime.node_runtime import run_node
 
 def setup(runtime):
     if 'fail' in sys.argv:
         raise ValueError('no map given; set parameter map')
     if 'stuck' in sys.argv:
-        import time
         runtime.on_close(lambda: time.sleep(60))
+    if 'fleet' in sys.argv:
+        runtime.node.destroy_node = lambda: time.sleep(60)
     if 'failing' in sys.argv:
         runtime.fail('the disk is full')
     if 'raising' in sys.argv:
@@ -52,7 +54,7 @@ def setup(runtime):
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-NOT_FOR_ROS = 'fail stuck failing raising exit interrupt shutdown abort'.split()
+NOT_FOR_ROS = 'fail stuck fleet failing raising exit interrupt shutdown abort'.split()
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
@@ -225,6 +227,31 @@ def test_a_component_that_does_not_end_cannot_keep_the_process() -> None:
         assert process.returncode == 1
         assert uncontended_time() - began < 2.0
         assert 'did not come to an end' in err and 'Traceback' not in err
+
+
+def test_a_process_with_too_many_nodes_to_take_back_leaves_in_time_and_in_order() -> None:
+    with start('fleet') as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        began = uncontended_time()
+        process.terminate()
+        _, err = process.communicate(timeout=DEADLINE)
+        assert (process.returncode, err) == (0, '')
+        assert uncontended_time() - began < 2.0
+
+
+def test_runtimes_that_end_together_come_to_rest_before_any_of_them_is_gone() -> None:
+    told: list[tuple[str, str]] = []
+    with NodeRuntime.open('first') as first:
+        first.further += [NodeRuntime('second', args=()), NodeRuntime('third', args=())]
+
+        def tell(name: str) -> None:
+            told.append((name, first.further[-1].call(lambda: 'there')))
+
+        for runtime in (first, *first.further):
+            runtime.on_close(partial(tell, runtime.name))
+    assert told == [('third', 'there'), ('second', 'there'), ('first', 'there')]
+    assert all(runtime.closed for runtime in first.further)
 
 
 @pytest.mark.parametrize(('word', 'told'), [('failing', 'the disk is full'), ('raising', 'division by zero')])

@@ -127,7 +127,7 @@ class Navigation:
         DockingServer(runtime, self._parameters, self._arbiter)
         self._waits = WaitServer(runtime)
         ServerFaults(runtime)
-        manage_servers(runtime)
+        manage_servers(runtime, self._parameters)
         self._speed_limit = math.inf
         runtime.node.create_subscription(SpeedLimit, names.SPEED_LIMIT, self._limit_speed, 10)
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)

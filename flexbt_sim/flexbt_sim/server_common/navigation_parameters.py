@@ -31,9 +31,13 @@ MOST_RADIUS: Final = 50.0
 """Of a robot, m; as a world file may have it."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class NavigationParameters:
-    """Values of the parameters; see :func:`declare_navigation_parameters` for meaning and unit."""
+    """Values of the parameters; see :func:`declare_navigation_parameters` for meaning and unit.
+
+    While the servers run, ``follower`` and ``planner_tolerance`` may be set to others, for the goals and paths that
+    come then. On the executor thread.
+    """
 
     owner_nodes: tuple[str, ...]
     robot_nodes: tuple[str, ...]

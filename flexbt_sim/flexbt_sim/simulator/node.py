@@ -74,14 +74,9 @@ class Simulator:
         self._can_scan = False
         threading.Thread(target=self._compile, name='compile', daemon=True).start()
         self._thread = threading.Thread(target=self._run, name='world', daemon=True)
-        runtime.on_close(self.stop)
+        runtime.on_close(self._close)
         self._thread.start()
         runtime.node.get_logger().info(f'{self.parameters.source}: {self._described()}')
-
-    def stop(self) -> None:
-        """Have the world stand still for good. Not on the executor thread."""
-        self.pacer.stop()
-        self._thread.join(1.0)
 
     def _set_periods(self) -> None:
         """Of messages, in steps. Each message costs every node that hears it a wake-up: most of what a simulation at
@@ -371,6 +366,10 @@ class Simulator:
             with contextlib.suppress(InvalidHandle):  # the robot was removed at this moment
                 send(message)
         return True
+
+    def _close(self) -> None:
+        self.pacer.stop()
+        self._thread.join(1.0)
 
 
 def main(args: list[str] | None = None) -> int:

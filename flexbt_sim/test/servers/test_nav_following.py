@@ -13,6 +13,8 @@ import pytest
 from nav2_msgs.action import FollowPath
 from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Path
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
 from flexbt_common import names
 from flexbt_common.calls import GoalStatus
@@ -188,3 +190,23 @@ def test_clients_that_take_the_robot_from_each_other_end_with_one_goal(world: Ro
     last.cancel()
     assert last.wait().status is GoalStatus.CANCELED
     world.wait_at_rest()
+
+
+def test_the_speed_of_the_controller_can_be_set_while_it_works(world: RobotProbe) -> None:
+    world.place(DOCK)
+    path = world.plan(OFFICE).result.path
+    for speed in (0.1, 0.26):
+        wanted = [Parameter('FollowPath.desired_linear_vel', value=speed).to_parameter_msg()]
+        request = SetParameters.Request(parameters=wanted)
+        assert world.ask(SetParameters, 'controller_server/set_parameters', request).results[0].successful
+        before = world.now
+        goal = world.follow(path)
+        wait_until(partial(_is_away, world, (before.x, before.y)), 'half a metre')
+        driven = [seen for seen in world.sightings if seen.time > before.time]
+        assert 0.8 * speed < max(world.speeds(driven)) < 1.1 * speed
+        goal.cancel()
+        goal.wait()
+
+
+def _is_away(world: RobotProbe, place: tuple[float, float]) -> bool:
+    return world.now.distance(place) > 0.5

@@ -76,16 +76,16 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         # The commands of the other are sent, and need not be.
         probes = [RobotProbe(one), RobotProbe(other, hears_commands=False)]
         given = '--ros-args -r __node:=x -r __ns:=/y -p desired_linear_vel:=0.2'  # as ros2 launch names the simulator
-        simulation = Simulation(simulator, given.split())
+        Simulation(simulator, given.split())
         places = [(4.0, 1.0), (3.0, 4.0)]
         paths = [probe.plan(place).result.path for probe, place in zip(probes, places, strict=True)]
         goals = [probe.follow(path) for probe, path in zip(probes, paths, strict=True)]
         assert [goal.wait().status for goal in goals] == [GoalStatus.SUCCEEDED] * 2
         nodes = one.call(lambda: one.node.get_node_names_and_namespaces())
         assert {('navigation', '/fleet/alpha'), ('navigation', '/fleet/beta')} <= set(nodes)
-        alpha, _beta = simulation.navigations  # which have nothing to say to each other
-        known = alpha.call(lambda: alpha.node.get_node_names_and_namespaces())
-        assert ('simulator', '/fleet') in known and ('navigation', '/fleet/beta') not in known
+        alpha, _beta = simulator.further  # which have nothing to say to each other
+        plans = f'/fleet/beta/{names.PLAN}'
+        assert one.node.count_publishers(plans) and alpha.node.count_publishers(plans) == 0
         for robot in ('alpha', 'beta'):  # to navigation the pose is handed over
             heard_by = one.call(partial(one.node.get_subscriptions_info_by_topic, f'/fleet/{robot}/{names.POSE}'))
             assert [known.node_name for known in heard_by if known.node_name == names.NAVIGATION] == []

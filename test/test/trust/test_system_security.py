@@ -8,7 +8,6 @@ import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -87,12 +86,17 @@ def offered_by(node: str) -> set[Right]:
     return {right for right in rights if right[0] in ('publish', 'reply', 'execute')} - ON_DEMAND
 
 
-def services_of_parts(probe: Probe) -> Iterator[list[Any]]:
-    """Of each part what it serves, as far as that is known now."""
+def are_known(probe: Probe) -> bool:
+    """Whether all is known by now that the parts of nodes serve."""
     node = probe.console.node
     there = dict(node.get_node_names_and_namespaces())
-    for part in (part for parts in interfaces.PARTS.values() for part in parts):
-        yield node.get_service_names_and_types_by_node(part, there[part]) if part in there else []
+    return all(
+        part in there
+        and len(node.get_service_names_and_types_by_node(part, there[part]))
+        == (11 if part in interfaces.SETTABLE_SERVERS else 5)
+        for parts in interfaces.PARTS.values()
+        for part in parts
+    )
 
 
 @pytest.fixture
@@ -106,7 +110,7 @@ def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
         with silent_console('watch'), silent_console('watch', '--observer'):
             probe.wait_ready()
             probe.wait(lambda: set(NAMES) <= set(used(probe)), 'all nodes in the graph')
-            probe.wait(lambda: all(len(served) == 5 for served in services_of_parts(probe)), 'their parts')
+            probe.wait(lambda: are_known(probe), 'their parts')
             probe.drive_to(3.8, 1.2)
             probe.wait(lambda: used(probe)[SIMULATOR] >= offered_by(SIMULATOR), 'the services of the simulator')
             rights = used(probe)
