@@ -17,17 +17,15 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import StopFlag, planner_for
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.server_common import (
-    CANCELED,
     SUCCEEDED,
+    Asked,
     Computation,
     GoalEnd,
     NavigationParameters,
-    OnError,
     OnPathEnd,
     RobotInterface,
     asked_pose,
     check_id,
-    end_by,
     finish,
 )
 from flexbt_sim.world import Pose
@@ -66,42 +64,28 @@ class PlannerServer:
                 result.planning_time = duration_message(self._runtime.steady.now() - began)
                 finish(goal, result, end)
 
-            self._robot.when_known(goal, lambda: self._plan(goal, goals_of(goal.request), on_end))
+            self._robot.with_poses(
+                goal,
+                lambda request: self._asked(request, goals_of(request)),
+                lambda poses: self._search(goal, poses, on_end),
+                on_end,
+                'the planner',
+            )
 
         GoalServer(self._runtime, action_type, name, serve)
 
-    def _plan(self, goal: ServedGoal, goals: Sequence[Any], on_end: OnPathEnd) -> None:
-        if goal.cancel_requested:
-            on_end(CANCELED)
-            return
-        request = goal.request
-
-        def fail(error: Exception) -> None:
-            on_end(end_by(self._runtime, error, 'the planner'))
-
-        try:
-            check_id(request.planner_id, self._parameters.planner_ids, 'planner', 'INVALID_PLANNER')
-            if not goals:
-                raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
-        except NavigationError as error:
-            fail(error)
-            return
+    def _asked(self, request: Any, goals: Sequence[Any]) -> list[Asked]:
+        """The goals, and the start behind them if there is one."""
+        check_id(request.planner_id, self._parameters.planner_ids, 'planner', 'INVALID_PLANNER')
+        if not goals:
+            raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
         asked = [asked_pose(one, 'the goal', 'GOAL_OUTSIDE_MAP') for one in goals]
-        if request.use_start:
-            asked.append(asked_pose(request.start, 'the start', 'START_OUTSIDE_MAP'))
-        self._robot.map_frame.poses(asked, lambda poses: self._search(goal, poses, on_end, fail), fail)
+        return [*asked, asked_pose(request.start, 'the start', 'START_OUTSIDE_MAP')] if request.use_start else asked
 
-    def _search(self, goal: ServedGoal, poses: list[Pose], on_end: OnPathEnd, fail: OnError) -> None:
-        if goal.cancel_requested:
-            on_end(CANCELED)
-            return
-        try:
-            start = poses.pop() if goal.request.use_start else self._robot.pose
-            costmap, parameters = self._robot.costmaps.shared, self._parameters
-            planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance)
-        except Exception as error:
-            fail(error)
-            return
+    def _search(self, goal: ServedGoal, poses: list[Pose], on_end: OnPathEnd) -> None:
+        start = poses.pop() if goal.request.use_start else self._robot.pose
+        costmap, parameters = self._robot.costmaps.shared, self._parameters
+        planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance)
         stop = StopFlag()
         goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
 

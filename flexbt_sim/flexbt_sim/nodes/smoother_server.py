@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from nav2_msgs.action import SmoothPath
 from nav_msgs.msg import Path
@@ -19,8 +19,8 @@ from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Smoothing, smooth_path
 from flexbt_sim.ros_messages import pose_message
 from flexbt_sim.server_common import (
-    CANCELED,
     SUCCEEDED,
+    Asked,
     Computation,
     GoalEnd,
     NavigationParameters,
@@ -28,7 +28,6 @@ from flexbt_sim.server_common import (
     RobotInterface,
     asked_path,
     check_id,
-    end_by,
     finish,
 )
 from flexbt_sim.world import Pose
@@ -50,9 +49,6 @@ class SmootherServer:
         GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, self._serve)
 
     def _serve(self, goal: ServedGoal) -> None:
-        self._robot.when_known(goal, lambda: self._smooth(goal))
-
-    def _smooth(self, goal: ServedGoal) -> None:
         began = time.monotonic()
 
         def on_end(end: GoalEnd, path: Path | None = None) -> None:
@@ -60,26 +56,16 @@ class SmootherServer:
             result = SmoothPath.Result(path=path or Path(), smoothing_duration=spent, was_completed=path is not None)
             finish(goal, result, end)
 
-        if goal.cancel_requested:
-            on_end(CANCELED)
-            return
-        request = goal.request
-
-        def fail(error: Exception) -> None:
-            on_end(end_by(self._runtime, error, 'the smoother'))
-
-        def on_poses(poses: list[Pose]) -> None:
-            try:
-                self._compute(goal, began, poses, on_end)
-            except Exception as error:
-                fail(error)
-
-        try:
+        def asked(request: Any) -> list[Asked]:
+            nonlocal began
+            began = time.monotonic()
             check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
-        except NavigationError as error:
-            fail(error)
-            return
-        self._robot.map_frame.poses(asked_path(request.path), on_poses, fail)
+            return asked_path(request.path)
+
+        def smooth(poses: list[Pose]) -> None:
+            self._compute(goal, began, poses, on_end)
+
+        self._robot.with_poses(goal, asked, smooth, on_end, 'the smoother')
 
     def _compute(self, goal: ServedGoal, began: float, poses: list[Pose], on_end: OnPathEnd) -> None:
         request = goal.request

@@ -48,7 +48,6 @@ from flexbt_sim.server_common import (
     NavigationParameters,
     RobotInterface,
     asked_pose,
-    end_by,
     finish,
 )
 from flexbt_sim.world import Pose
@@ -228,33 +227,13 @@ class RouteServer:
         on_end: Callable[[GoalEnd], None],
     ) -> None:
         """Plan what a goal of one of the actions asks for: ``on_planned``, or ``on_end`` when there is no route."""
-        request = goal.request
 
-        def failed(error: Exception) -> None:
-            on_end(end_by(self._runtime, error, 'the route planner'))
-
-        def on_poses(poses: list[Pose]) -> None:
-            if goal.cancel_requested:
-                on_end(CANCELED)
-                return
-            try:
-                start, last = self._ends(request, poses)
-                planner = self._planner(request)
-            except Exception as error:
-                failed(error)
-                return
-            check_time = self._limit(goal)
+        def search(poses: list[Pose]) -> None:
+            start, last = self._ends(goal.request, poses)
+            planner, check_time = self._planner(goal.request), self._limit(goal)
             self._computation.run(goal, lambda: planner.plan(start, last, progress, check_time), on_planned, on_end)
 
-        def check_poses() -> None:
-            asked: list[Asked] = []
-            if request.use_poses:
-                asked.append(asked_pose(request.goal, 'the goal', NO_PLACE))
-            if request.use_poses and request.use_start:
-                asked.append(asked_pose(request.start, 'the start', NO_PLACE))
-            self._robot.map_frame.poses(asked, on_poses, failed)
-
-        self._robot.when_known(goal, check_poses)
+        self._robot.with_poses(goal, _asked, search, on_end, 'the route planner')
 
     def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
         if not request.use_poses:
@@ -280,3 +259,11 @@ class RouteServer:
                 raise NavigationError('TIMEOUT', f'no route was found within {seconds:g} s')
 
         return check_time
+
+
+def _asked(request: Any) -> list[Asked]:
+    """The goal, and the start behind it if there is one."""
+    if not request.use_poses:
+        return []
+    goal = asked_pose(request.goal, 'the goal', NO_PLACE)
+    return [goal, asked_pose(request.start, 'the start', NO_PLACE)] if request.use_start else [goal]

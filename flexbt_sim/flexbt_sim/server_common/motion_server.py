@@ -172,27 +172,16 @@ class MotionServer:
                 result.total_elapsed_time = duration_message(seconds)
             finish(goal, result, end)
 
-        self._arbiter.robot.when_known(goal, lambda: self._drive(goal, on_end))
+        number = 0
 
-    def _drive(self, goal: ServedGoal, on_end: OnEnd) -> None:
-        if goal.cancel_requested:
-            on_end(CANCELED)
-            return
-        asked = self._arbiter.ask()
+        def asked(request: Any) -> Sequence[Asked]:
+            nonlocal number
+            number = self._arbiter.ask()
+            return self._asked(request)
 
-        def fail(error: Exception) -> None:
-            on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
+        def drive(poses: list[Pose]) -> None:
+            self._arbiter.robot.check_pose()
+            motion = self._make(goal.request, *poses)
+            self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
 
-        def on_poses(poses: list[Pose]) -> None:
-            if goal.cancel_requested:
-                on_end(CANCELED)
-                return
-            try:
-                self._arbiter.robot.check_pose()
-                motion = self._make(goal.request, *poses)
-            except Exception as error:
-                fail(error)
-            else:
-                self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, asked))
-
-        self._arbiter.robot.map_frame.poses(self._asked(goal.request), on_poses, fail)
+        self._arbiter.robot.with_poses(goal, asked, drive, on_end, f'a goal of {self._name}')

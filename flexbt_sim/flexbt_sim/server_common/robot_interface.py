@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
@@ -24,10 +24,10 @@ from flexbt_sim.navigation import Velocity
 from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import OccupancyMap, Pose
 
-from .action_results import GoalEnd
+from .action_results import CANCELED, GoalEnd, end_by
 from .costmap_server import CostmapServer
 from .demand import Demand
-from .frames import MapFrame
+from .frames import Asked, MapFrame
 from .keepout_filter import KeepoutFilter
 from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, finite_pose
@@ -128,6 +128,38 @@ class RobotInterface:
         steady = self._runtime.steady
         seconds = max(self._parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
         steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
+
+    def with_poses(
+        self,
+        goal: ServedGoal,
+        asked: Callable[[Any], Sequence[Asked]],
+        go_on: Callable[[list[Pose]], None],
+        on_end: Callable[[GoalEnd], None],
+        what: str,
+    ) -> None:
+        """Go on with a goal, as :meth:`when_known`, and with the poses of its request in the frame of the map, which
+        ``asked(request)`` names.
+
+        ``on_end`` instead, when the goal is canceled meanwhile, a pose is not known, or one of the two functions
+        raises; a fault of ours is reported as one of ``what``.
+        """
+
+        def fail(error: Exception) -> None:
+            on_end(end_by(self._runtime, error, what))
+
+        def attempt(step: Callable[[], None]) -> None:
+            if goal.cancel_requested:
+                on_end(CANCELED)
+                return
+            try:
+                step()
+            except Exception as error:
+                fail(error)
+
+        def look_up() -> None:
+            self.map_frame.poses(asked(goal.request), lambda poses: attempt(lambda: go_on(poses)), fail)
+
+        self.when_known(goal, lambda: attempt(look_up))
 
     def _waited_enough(self, go_on: Callable[[], None]) -> None:
         if go_on in self._waiting:
