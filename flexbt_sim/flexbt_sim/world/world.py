@@ -109,7 +109,7 @@ class World:
         Raises:
             WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
         """
-        told = WorldFile(Path(file))
+        told = WorldFile(Path(file), with_map=True)
         model = told.model
         world = cls(told.map, places=told.places, seed=model.seed if seed is None else seed, step=model.step)
         for name, pose in told.places.items():

@@ -6,13 +6,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.errors import WorldError
-from flexbt_sim.world import Circle, Pose, World
+from flexbt_sim.world import Circle, Pose, World, WorldFile
+from flexbt_sim.world.descriptions import FloorPlan
 
 WORLD = """\
 plan:
@@ -238,3 +240,27 @@ def test_an_empty_file_is_an_empty_world(tmp_path: Path) -> None:
 
 def test_a_map_is_found_beside_the_file(tmp_path: Path) -> None:
     assert 'cannot be read' in problems(tmp_path, 'map: nowhere.yaml')[0]
+
+
+END = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
+
+
+@settings(deadline=None, max_examples=30)
+@given(END, END, st.sampled_from([0.03, 0.2, 1.0]))
+def test_a_wall_is_all_cells_within_half_its_thickness_of_its_middle_line(
+    start: tuple[float, float], end: tuple[float, float], thickness: float
+) -> None:
+    grid = FloorPlan(walls=((start, end),), thickness=thickness, resolution=0.05).drawn()
+    rows, columns = numpy.mgrid[: grid.height, : grid.width]
+    x, y = grid.origin.x + (columns + 0.5) * 0.05, grid.origin.y + (rows + 0.5) * 0.05
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    along = numpy.clip(((x - start[0]) * dx + (y - start[1]) * dy) / max(dx * dx + dy * dy, 1e-300), 0.0, 1.0)
+    away = numpy.maximum(numpy.abs(x - start[0] - along * dx), numpy.abs(y - start[1] - along * dy))
+    clear = numpy.abs(away - thickness / 2.0) > 1e-6  # not on its edge
+    assert numpy.array_equal(grid.obstacles[clear], (away <= thickness / 2.0)[clear])
+
+
+def test_a_map_is_read_only_for_who_wants_it(tmp_path: Path) -> None:
+    text = 'map: nowhere.yaml\nrobots: {alpha: {pose: [1, 1, 0]}}'
+    assert [name for _, name, *_ in WorldFile(tmp_path / 'world.yaml', text).entities] == ['alpha']
+    assert 'nowhere.yaml' in problems(tmp_path, text)[0]

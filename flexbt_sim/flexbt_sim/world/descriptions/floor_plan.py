@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -17,6 +17,8 @@ from flexbt_sim.world.plane import FREE, MAX_CELLS, OCCUPIED, OccupancyMap, Poin
 from .specification import Specification, key
 
 MAX_PARTS: Final = 5000
+PIECE: Final = 32
+"""Cells across which a piece of a wall goes at most along the axis along which it is shorter."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,11 @@ class FloorPlan(Specification):
         half = self.thickness / 2.0 + 1e-9
         for line in self._lines():
             for start, end in pairwise(line):
-                self._fill(cells, (left, bottom), start, end, half)
+                # In pieces, for of all cells round a long wall that is aslant few are in it.
+                narrow = min(abs(a - b) for a, b in zip(start, end, strict=True)) / self.resolution
+                ends = numpy.linspace(start, end, max(1, math.ceil(narrow / PIECE)) + 1)
+                for piece in pairwise(ends.tolist()):
+                    self._fill(cells, (left, bottom), (start, end), piece, half)
         for opening in self.openings:
             x, y = opening.at
             reach = opening.width / 2.0
@@ -97,9 +103,13 @@ class FloorPlan(Specification):
             cells[r0:r1, c0:c1] = FREE
         return OccupancyMap(cells, self.resolution, Pose(left, bottom, 0.0))
 
-    def _fill(self, cells: NDArray[numpy.int8], corner: Point, start: Point, end: Point, half: float) -> None:
-        """Draw a straight wall: all cells whose middle is within half its thickness of its middle line."""
-        ends = list(zip(start, end, corner, strict=True))
+    def _fill(
+        self, cells: NDArray[numpy.int8], corner: Point, wall: tuple[Point, Point], piece: Sequence[Point], half: float
+    ) -> None:  # fmt: skip
+        """Draw a piece of a straight wall: all cells round it whose middle is within half the thickness of the wall of
+        its middle line."""
+        start, end = wall
+        ends = list(zip(*piece, corner, strict=True))
         left, bottom = (max(0, math.floor((min(a, b) - half - c) / self.resolution)) for a, b, c in ends)
         right, top = (math.ceil((max(a, b) + half - c) / self.resolution) for a, b, c in ends)
         part = cells[bottom : top + 1, left : right + 1]

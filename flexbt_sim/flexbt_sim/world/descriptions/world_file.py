@@ -52,14 +52,18 @@ SECTIONS: Final[Mapping[str, str]] = {
 
 
 class WorldFile:
-    """What a world file describes: the map, and in their order entities and faults, each with where it is said.
+    """What a world file describes: in their order entities and faults, each with where it is said, and the map.
 
     Raises:
         WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
     """
 
-    def __init__(self, file: Path, text: str | None = None, pose: Pose | None = None) -> None:
-        """``text`` is what is read in place of the file; ``pose`` is that of robots of which none is said."""
+    def __init__(
+        self, file: Path, text: str | None = None, pose: Pose | None = None, *, with_map: bool = False
+    ) -> None:  # fmt: skip
+        """``text`` is what is read in place of the file; ``pose`` is that of robots of which none is said. ``map`` is
+        read or drawn, which may take seconds, only if it is asked for.
+        """
         self._file = file
         self._text = text
         self._problems: list[Problem] = []
@@ -69,7 +73,7 @@ class WorldFile:
         self.places = reader.places()
         self.entities = reader.entities()
         self.faults = reader.faults()
-        self.map = reader.map(self.model)
+        self.map = reader.map(self.model) if with_map else None
         self.finish()
 
     def _data(self) -> Any:
