@@ -40,7 +40,6 @@ class SmootherServer:
     """On the executor thread."""
 
     def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot: RobotInterface) -> None:
-        self._runtime = runtime
         self._parameters = parameters
         self._robot = robot
         self._computation = Computation(runtime, 'the smoother')

@@ -156,7 +156,6 @@ class MotionServer:
         feedback: Callable[[Any], Any],
         asked: Callable[[Any], Sequence[Asked]] = lambda _request: (),
     ) -> None:
-        self._runtime = runtime
         self._arbiter = arbiter
         self._action_type = action_type
         self._name = name
