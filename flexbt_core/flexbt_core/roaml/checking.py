@@ -209,7 +209,6 @@ class _Explorer:
         self._numbers: dict[tuple[GlobalState, int], int] = {}
         self._states: list[tuple[GlobalState, int] | None] = [None, None]
         self._from: list[int] = [-1, -1]
-        self._ends: dict[int, tuple[GlobalState, int]] = {}
         self._fails: tuple[int, GlobalState, int] | None = None
         self._stuck = ''
         self._made = 0

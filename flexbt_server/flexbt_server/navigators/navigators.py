@@ -58,7 +58,6 @@ class Navigators:
     ) -> None:
         """``services`` are those of leaves. ``refusal``: why goals are refused until :meth:`activate`."""
         self._runtime = runtime
-        self._parameters = parameters
         self._goals = goals
         self._services = services
         self._default_trees = default_trees

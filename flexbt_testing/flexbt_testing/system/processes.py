@@ -82,7 +82,6 @@ class Stack:
         self._can_be_held_up = can_be_held_up
         self._forked = forked and fork_server.AVAILABLE and network is None
         self._processes: dict[str, subprocess.Popen[bytes] | fork_server.ForkedProcess] = {}
-        self._starts = 0
 
     def __enter__(self) -> Stack:
         return self
@@ -107,7 +106,6 @@ class Stack:
 
         Everything but the simulator follows simulated time, unless the parameters say otherwise.
         """
-        self._starts += 1
         namespace, _, base = name.rpartition('/')
         settings = {} if base in ('simulator', 'simulation') else {'use_sim_time': 'true'}
         if base == 'onboard_executive':

@@ -33,7 +33,6 @@ class _Check:
         self._nodes: list[Mapping[str, Any]] = certificate['nodes']
         self._start: list[int] = certificate['start']
         self._inputs = specification.names(inputs=True)
-        self._outputs = specification.names(inputs=False)
         self._next = [Name(name.name, True) for name in self._inputs]
         self._guarantees: list[Formula | None] = [*specification.of(Section.SYS_LIVENESS)] or [None]
         self._assumptions: list[Formula | None] = [*specification.of(Section.ENV_LIVENESS)] or [None]
