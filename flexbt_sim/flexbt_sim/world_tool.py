@@ -11,7 +11,8 @@ from flexbt_common.cli import HintingArgumentParser
 from flexbt_core.values import counted
 
 from .errors import SimulationError
-from .world import Trace, World, draw_world
+from .navigation import PERIOD, Navigator
+from .world import Pose, Trace, World, draw_world
 
 FRAMES = 200
 """Most frames of a moving picture."""
@@ -47,6 +48,10 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         '--drive', action='append', default=[], metavar='ROBOT=LINEAR,ANGULAR', help='drive a robot: m/s, rad/s'
     )
+    run.add_argument(
+        '--goal', action='append', default=[], metavar='ROBOT=PLACE',
+        help='have navigation drive a robot to a place of the file, or to X,Y,YAW: m, m, rad',
+    )  # fmt: skip
     return parser
 
 
@@ -62,13 +67,18 @@ def _draw(world: World, options: argparse.Namespace) -> str:
 
 def _run(world: World, options: argparse.Namespace) -> str:
     drives = dict(_drive(world, text) for text in options.drive)
+    goals = dict(_goal(world, text) for text in options.goal)
     if not 0.0 < options.seconds <= 86_400.0:
         raise SimulationError(f'--seconds {options.seconds:g}: give more than 0, and at most a day')
     trace = Trace(world)
-    steps = max(1, round(options.seconds / 0.1))
+    navigators = {name: Navigator(world, name) for name in goals}
+    trips = {name: navigators[name].start(goal) for name, goal in goals.items()}
+    driven = set(goals)
+    steps = max(1, round(options.seconds / PERIOD))
     for number in range(steps):
         for name, (linear, angular) in drives.items():
             world.robots[name].command(linear, angular, world.time)
+        driven = {name for name in driven if navigators[name].step()}
         world.step(options.seconds / steps)
         if (number + 1) * FRAMES // steps > number * FRAMES // steps:
             trace.record()
@@ -77,15 +87,38 @@ def _run(world: World, options: argparse.Namespace) -> str:
     else:
         draw_world(world, trace, pixels=options.pixels).save(options.picture)
     contacts = {name: robot.contacts for name, robot in world.robots.items() if robot.contacts}
-    return f'{options.picture} is written, after {world.time:g} s; contacts: {contacts or "none"}'
+    report = [f'{options.picture} is written, after {world.time:g} s; contacts: {contacts or "none"}']
+    for name, trip in trips.items():
+        ended = f'{trip.code or "reached"} after {trip.seconds:.1f} s, {trip.length:.1f} m'
+        report.append(f'{name}: ' + ('on its way' if name in driven else ended))
+    return '\n'.join(report)
 
 
 def _drive(world: World, text: str) -> tuple[str, tuple[float, float]]:
     name, _, speeds = text.partition('=')
-    words = speeds.split(',')
-    if name not in world.robots or len(words) != 2:
+    numbers = _numbers(speeds)
+    if name not in world.robots or len(numbers) != 2:
         raise SimulationError(f'--drive {text}: give ROBOT=LINEAR,ANGULAR; robots: {", ".join(world.robots) or "none"}')
-    return name, (float(words[0]), float(words[1]))
+    return name, (numbers[0], numbers[1])
+
+
+def _goal(world: World, text: str) -> tuple[str, Pose]:
+    name, _, place = text.partition('=')
+    pose = world.places.get(place) or _numbers(place)
+    if name not in world.robots or len(pose) != 3:
+        raise SimulationError(
+            f'--goal {text}: give ROBOT=PLACE or ROBOT=X,Y,YAW; robots: {", ".join(world.robots) or "none"}; '
+            f'places: {", ".join(world.places) or "none"}'
+        )
+    return name, Pose(*pose)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Numbers with commas between them; none where one of them is no number."""
+    try:
+        return tuple(map(float, text.split(',')))
+    except ValueError:
+        return ()
 
 
 if __name__ == '__main__':

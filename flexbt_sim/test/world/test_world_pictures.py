@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ WORLD = """\
 plan: {rooms: [{from: [0, 0], to: [4, 2]}]}
 robots: {alpha: {model: burger, pose: [1, 1, 0]}}
 obstacles: {person: {pose: [3, 1, 0], route: {waypoints: [[3, 1.5], [3, 0.5]]}}}
+places: {corner: [1.6, 0.5, 0]}
 """
 
 
@@ -128,6 +130,14 @@ def test_the_command_checks_draws_and_runs(tmp_path: Path, capsys: pytest.Captur
         assert picture.size[0] == 120
     assert main(['run', str(file), str(tmp_path / 'run.png'), '--drive', 'beta=1,1']) == 1
     assert 'robots: alpha' in capsys.readouterr().err
+    goals = ['--goal', 'alpha=corner', '--seconds', '40', '--pixels', '120']
+    assert main(['run', str(file), str(tmp_path / 'run.png'), *goals]) == 0
+    assert re.search(r'\nalpha: reached after \d+\.\d s, \d\.\d m\n', capsys.readouterr().out)
+    assert main(['run', str(file), str(tmp_path / 'run.png'), *goals[:1], 'alpha=0.8,0.8,0', '--seconds', '0.5']) == 0
+    assert '\nalpha: on its way\n' in capsys.readouterr().out
+    for wrong in ('alpha=here', 'beta=corner', 'alpha=1,2', 'alpha=1,2,up'):
+        assert main(['run', str(file), str(tmp_path / 'run.png'), '--goal', wrong]) == 1
+    assert capsys.readouterr().err.count('places: corner') == 4
     file.write_text('sede: 3')
     assert main(['check', str(file)]) == 1
     assert capsys.readouterr().err == f"{file}:1:1: sede: there is no such key; did you mean 'seed'?\n"
