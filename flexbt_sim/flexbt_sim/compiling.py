@@ -6,10 +6,12 @@ The set-up of the workspace runs it. Without it the first processes compile them
 
 from __future__ import annotations
 
+from flexbt_sim.costmaps import Inflation
 from flexbt_sim.navigation import Steering, prepare_navigation
-from flexbt_sim.world import prepare_world
+from flexbt_sim.world import box, prepare_world
 
 if __name__ == '__main__':
     prepare_world()
     prepare_navigation()
+    prepare_navigation(inflation=Inflation.of(box(1.0, 0.5)))
     prepare_navigation(Steering(turning_radius=0.1))

@@ -42,7 +42,9 @@ def regions(free: Bools) -> Squares:
     return labels
 
 
-def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -> NDArray[numpy.int8]:
+def search(
+    costs: Costs, weights: Weights, start: int, goal: int, stop: Costs
+) -> tuple[NDArray[numpy.int8], NDArray[numpy.float32]]:
     """See :func:`.kernels.search`. Looks at many cells at once: those on ways up to some cost, until none of these
     becomes cheaper, then those on ways that cost up to ``_STRIDE`` free cells more.
     """
@@ -87,7 +89,7 @@ def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -
             cells, costs_through = cells[waiting], costs_through[waiting]
             limit = costs_through.min(initial=math.inf) + _STRIDE * least
             near, later = numpy.unique(cells[costs_through <= limit]), [cells[costs_through > limit]]
-    return directions
+    return directions, spent
 
 
 def is_clear(

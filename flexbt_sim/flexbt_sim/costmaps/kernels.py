@@ -117,8 +117,11 @@ def regions(free: Bools) -> Squares:
     return labels
 
 
-def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -> NDArray[numpy.int8]:
+def search(
+    costs: Costs, weights: Weights, start: int, goal: int, stop: Costs
+) -> tuple[NDArray[numpy.int8], NDArray[numpy.float32]]:
     """For each cell in which direction, of :func:`neighbours`, the cheapest way from the start comes to it; -1: none.
+    And what that way costs, infinite without one: of all cells, when there is none to the goal.
 
     A* over neighbouring free cells. A step costs its length in cells times the mean of the ``weights`` of the costs of
     its ends; cells of infinite weight are not free, and a diagonal between two cells is free if all four are. All
@@ -207,7 +210,7 @@ def search(costs: Costs, weights: Weights, start: int, goal: int, stop: Costs) -
             cells[entry], following[entry] = other, first[slot]
             first[slot] = entry
             waiting += 1
-    return directions
+    return directions, spent
 
 
 def is_clear(

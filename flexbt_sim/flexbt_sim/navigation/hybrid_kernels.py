@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops of the planner for robots that steer as cars do: Hybrid A* (Dolgov et al., 2010), for numba.
+"""The inner loops of the planners that know the outline of the robot, for numba: Hybrid A* (Dolgov et al., 2010) for
+robots that steer as cars do, and a search over places and headings for those that turn on the spot.
 
 Lengths are in cells of the costmap, x along its columns and y along its rows. A turn is 1 to the left, -1 to the right
 and 0 for straight on; a piece of a way has one turn and a length, which is negative where it is driven backward.
@@ -47,6 +48,18 @@ TOUCH = math.sqrt(0.5)
 
 SLACK = 0.25
 """What may be missed between two places that are looked at."""
+
+
+STRIDE = math.sqrt(2.0)
+"""Length, in cells, of a straight step of a robot that turns on the spot: it ends in another cell."""
+
+OUTLINE_EAGERNESS = 1.25
+"""EAGERNESS of its search."""
+
+STAY, AHEAD, LEAVE, ARRIVE = 0, 9, 12, 12 + HEADINGS
+"""Its steps: none; to the middle of each of eight neighbours; ahead, and turns to the next heading on either side; away
+with each heading; and to the goal.
+"""
 
 
 def ways(free: Bools, row: int, column: int, near: float) -> Any:
@@ -153,6 +166,80 @@ def room(
             before, step = gap, min(length - at, max(0.25, gap - 0.5))
             at = length if step == length - at else at + step
     return max(least - touching, 0.0)
+
+
+def room_along(
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    discs: Weights,
+    reach: float,
+    pose: tuple[float, float, float],
+    right: float,
+    up: float,
+    turn: float,
+) -> Any:
+    """The least :func:`room` while the robot goes straight, or turns, by so much, but for where it begins."""
+    x, y, yaw = pose
+    way = math.hypot(right, up) + abs(turn) * reach
+    if way == 0.0:
+        return math.inf
+    last = room(obstacles, squares, corners, discs, reach, 0.0, x + right, y + up, yaw + turn)
+    least, gap, at = last, 0.0, 0.0
+    while least >= 0.0:
+        at += max(0.5, gap)
+        if at + last >= way:  # what is left has been looked at from both of its ends
+            break
+        share = at / way
+        gap = room(
+            obstacles, squares, corners, discs, reach, 0.0, x + share * right, y + share * up, yaw + share * turn
+        )
+        least = min(least, gap)
+    return least
+
+
+def stepped(pose: tuple[float, float, float], step: int) -> Any:
+    """The pose after a step of a robot that turns on the spot, but for the last one."""
+    x, y, yaw = pose
+    if step in (STAY, ARRIVE):
+        return x, y, yaw
+    if step < AHEAD:
+        number = step - 1 if step <= 4 else step  # of nine cells, from the lower left one
+        return math.floor(x) + number % 3 - 0.5, math.floor(y) + number // 3 - 0.5, yaw
+    if step > AHEAD:
+        before = math.floor(yaw / math.tau * HEADINGS + 0.5) if step < LEAVE else 0
+        change = (1 if step == LEAVE - 1 else -1) if step < LEAVE else step - LEAVE
+        yaw = (before + change) * math.tau / HEADINGS
+        if step < LEAVE:
+            return x, y, yaw
+    return x + STRIDE * math.cos(yaw), y + STRIDE * math.sin(yaw), yaw
+
+
+def room_on_way(
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    discs: Weights,
+    reach: float,
+    way: Weights,
+    yaw: float,
+    end: float,
+) -> Any:
+    """The least :func:`room` on straight lines between points, shape (n, 2), of a robot that turns on the spot: which
+    comes to them with a heading ``yaw`` and leaves with ``end``.
+    """
+    least = math.inf
+    for i in range(len(way)):
+        x, y = way[i, 0], way[i, 1]
+        right, up = (way[i + 1, 0] - x, way[i + 1, 1] - y) if i + 1 < len(way) else (0.0, 0.0)
+        course = math.atan2(up, right) if right * right + up * up > 1e-12 else yaw if i + 1 < len(way) else end
+        turn = (course - yaw + math.pi) % math.tau - math.pi
+        least = min(least, room_along(obstacles, squares, corners, discs, reach, (x, y, yaw), 0.0, 0.0, turn))
+        least = min(least, room_along(obstacles, squares, corners, discs, reach, (x, y, course), right, up, 0.0))
+        if least < 0.0:
+            break
+        yaw = course
+    return least
 
 
 def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
@@ -428,3 +515,113 @@ def hybrid_search(
     for i in range(3):
         pieces[steps + i, 0], pieces[steps + i, 1] = best_curve[i], best_curve[3 + i] * turning_radius
     return pieces, count
+
+
+def outline_search(
+    obstacles: Bools,
+    squares: Squares,
+    corners: Weights,
+    discs: Weights,
+    reach: float,
+    margin: float,
+    costs: Costs,
+    weights: Weights,
+    is_roomy: Bools,
+    ahead: Weights,
+    start: tuple[float, float, float],
+    goal: tuple[float, float, float],
+    most: int,
+    stop: Costs,
+) -> Any:
+    """Points, shape (n, 2), of a way from a pose to another one for a robot that turns on the spot, which has room for
+    its outline all along and where it turns; and how many states were seen.
+
+    A cell that ``is_roomy`` is one state: the robot can turn anywhere in it. In others there is one for each of
+    ``HEADINGS``. A step costs its length times the mean of the ``weights`` of the costs of its cells, a turn in a cell
+    that is not roomy half of what its farthest corner drives; and more where there is less room than ``margin``.
+    ``ahead`` is what the way to the goal costs, at least, by cells. A step is looked at when it is its turn, not when
+    it is put into the queue, since most never come up. The way is empty when there is none, when ``most`` states were
+    seen, or when another thread sets ``stop[0]``.
+    """
+    height, width = costs.shape
+    poses = numpy.empty((most, 3))
+    spent = numpy.empty(most)
+    parents = numpy.empty(most, numpy.int32)
+    done = {-1}
+    # The least that it may cost in all, and what it costs so far; from which state, by which step; if it has room.
+    queue = [(0.0, 0.0, -1, STAY, True)]
+    count, looked, last = 0, 0, -1
+    way = numpy.empty((2, 2))
+    way[1, 0], way[1, 1] = goal[0], goal[1]
+    while queue and count < most:
+        total, cost, before, step, has_room = heapq.heappop(queue)
+        looked += 1
+        if looked % 64 == 0 and stop[0]:
+            break
+        pose = start if before < 0 else (poses[before, 0], poses[before, 1], poses[before, 2])
+        x, y, yaw = stepped(pose, step)
+        row, column = math.floor(y), math.floor(x)
+        roomy = is_roomy[row, column]
+        heading = 0 if roomy else math.floor(yaw / math.tau * HEADINGS + 0.5) % HEADINGS
+        key = (row * width + column) * HEADINGS + heading
+        if step != ARRIVE and key in done:
+            continue
+        if not has_room:
+            if step == ARRIVE:
+                way[0, 0], way[0, 1] = x, y
+                course = math.atan2(goal[1] - y, goal[0] - x) if roomy else yaw
+                gap = room_on_way(obstacles, squares, corners, discs, reach, way, course, goal[2])
+            else:
+                begin = yaw if step >= LEAVE else pose[2]
+                right, up, turn = x - pose[0], y - pose[1], yaw - begin
+                begins = (pose[0], pose[1], begin)
+                gap = room_along(obstacles, squares, corners, discs, reach, begins, right, up, turn)
+            if gap < 0.0:
+                continue
+            if gap < margin:
+                added = (cost - spent[before]) * (CLOSE_COST - 1.0) * (1.0 - gap / margin)
+                heapq.heappush(queue, (total + added, cost + added, before, step, True))
+                continue
+        if step == ARRIVE:
+            last = before
+            break
+        done.add(key)
+        node = count
+        count += 1
+        poses[node, 0], poses[node, 1], poses[node, 2] = x, y, yaw
+        spent[node], parents[node] = cost, before
+        weight = weights[costs[row, column]]
+        apart = math.hypot(goal[0] - x, goal[1] - y)
+        if apart <= NEAR * reach:
+            there = cost + (apart + reach / HEADINGS) * weight
+            heapq.heappush(queue, (there, there, node, ARRIVE, False))
+        for step in range(STAY + 1, ARRIVE):
+            if roomy == (AHEAD <= step < LEAVE):
+                continue
+            x, y, yaw = stepped((poses[node, 0], poses[node, 1], poses[node, 2]), step)
+            r, c = math.floor(y), math.floor(x)
+            if not (0 <= r < height and 0 <= c < width) or ahead[r, c] == math.inf:
+                continue
+            if roomy and is_roomy[r, c] == (step >= LEAVE):
+                continue
+            heading = 0 if is_roomy[r, c] else math.floor(yaw / math.tau * HEADINGS + 0.5) % HEADINGS
+            if (r * width + c) * HEADINGS + heading in done:
+                continue
+            if AHEAD < step < LEAVE:
+                length = reach * math.tau / HEADINGS / 2.0
+            else:
+                length = math.hypot(x - poses[node, 0], y - poses[node, 1])
+            there = cost + length * (weight + weights[costs[r, c]]) / 2.0
+            heapq.heappush(queue, (there + OUTLINE_EAGERNESS * ahead[r, c], there, node, step, step < AHEAD))
+    length, node = 0, last
+    while node >= 0:
+        length += 1
+        node = parents[node]
+    points = numpy.empty((length + (last >= 0), 2))
+    node = last
+    for i in range(length - 1, -1, -1):
+        points[i, 0], points[i, 1] = poses[node, 0], poses[node, 1]
+        node = parents[node]
+    if last >= 0:
+        points[length, 0], points[length, 1] = goal[0], goal[1]
+    return points, count

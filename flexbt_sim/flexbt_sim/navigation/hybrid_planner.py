@@ -4,21 +4,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from collections.abc import Sequence
+from functools import cache
 from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import INSCRIBED, Costmap
 from flexbt_sim.errors import NavigationError
-from flexbt_sim.world import Pose, compiled, wrap
+from flexbt_sim.world import Pose, wrap
 
-from . import hybrid_kernels
 from .hybrid_kernels import NEAR, PIECE, SLACK, hybrid_search
 from .motions import Steering
+from .outline_planner import OutlinePlanner, outline_loops, turned_round
 from .planner import SPACING, Cell, GridPlanner, StopFlag
 
 STEERING_RESERVE: Final = 1.1
@@ -39,38 +39,20 @@ MOST_INTERPRETED: Final = MOST_STATES[:2]
 SHORTEST: Final = 1.5
 """Length of the pieces of a way, in cells, at least."""
 
-MOST_DISCS: Final = 20
-"""By which a robot is looked at first, before its outline is."""
-
 MOST_BLOCKS: Final = 60_000
 """Over which the ways to the goal are known beforehand."""
-
-
-class CarLoops(NamedTuple):
-    """The functions of :mod:`.hybrid_kernels`. Only compiled ones are fast enough where it is narrow."""
-
-    ways: Callable[..., Any]
-    hybrid_search: Callable[..., Any]
-    curves: Callable[..., Any]
-    room: Callable[..., Any]
-    moved: Callable[..., Any]
-
-
-@cache
-def car_loops() -> CarLoops:
-    """The compiled functions, or where there is no compiler the same ones as they are written."""
-    functions = [getattr(hybrid_kernels, name) for name in CarLoops._fields]
-    return CarLoops(*(compiled(one) or one for one in functions))
 
 
 def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> GridPlanner:
     """The planner for a robot; ``tolerance`` as :class:`GridPlanner` has it."""
     if steering.turning_radius:
         return HybridPlanner(costmap, steering, tolerance)
+    if costmap.inflation.corners:
+        return OutlinePlanner(costmap, tolerance)
     return GridPlanner(costmap, tolerance)
 
 
-class HybridPlanner(GridPlanner):
+class HybridPlanner(OutlinePlanner):
     """Plans on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
 
     :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. It is searched for
@@ -111,18 +93,16 @@ class HybridPlanner(GridPlanner):
         reverses, radius = self._steering.reverses, self._steering.turning_radius * STEERING_RESERVE / cell
         begin, end = ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
-        slack = SLACK if all(car_loops().room(*self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
+        slack = SLACK if all(outline_loops().room(*self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
         rules = slack, max(1.0, MARGIN * radius)
 
         @cache
         def problem(turned: bool) -> tuple[Any, ...]:
             if not turned:
                 return *self.shape, *rules, *self._ahead(target, radius), begin, end
-            obstacles, squares, corners, discs, reach = self.shape
-            shape = obstacles, squares, -corners, discs * (-1.0, -1.0, 1.0), reach
-            return *shape, *rules, *self._ahead(source, radius), _turned(end), _turned(begin)
+            return *self.shape_turned, *rules, *self._ahead(source, radius), turned_round(end), turned_round(begin)
 
-        search = car_loops().hybrid_search
+        search = outline_loops().hybrid_search
         lengths = sorted({max(SHORTEST, PIECE * radius / share) for share in (1.0, 2.0)})
         untried, looked = {turned: lengths.copy() for turned in (False, True)}, 0
         for most, turned in product(MOST_INTERPRETED if search is hybrid_search else MOST_STATES, untried):
@@ -158,22 +138,8 @@ class HybridPlanner(GridPlanner):
         rest = path[nearest:]
         if beside[nearest] > 2.0 * MARGIN * radius:
             return ()
-        free = all(car_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in rest)
+        free = all(outline_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in rest)
         return rest if free else ()
-
-    @cached_property
-    def shape(self) -> tuple[Any, ...]:
-        """Obstacles and robot as :func:`.hybrid_kernels.room` has them, in cells."""
-        costmap, cell = self._costmap, self._costmap.world.resolution
-        corners = numpy.array(costmap.inflation.corners, numpy.float64).reshape(-1, 2) / cell
-        reach = costmap.inflation.outer_radius / cell
-        return costmap.obstacles, costmap.squares, corners, _discs(corners, reach), reach
-
-    def on_grid(self, pose: Pose) -> tuple[float, float, float]:
-        """A pose in cells, as the loops have it."""
-        world = self._costmap.world
-        row, column = world.grid_position(pose.x, pose.y)
-        return column, row, float(pose.yaw - world.origin.yaw)
 
     def _ahead(self, target: Cell, radius: float) -> tuple[Any, ...]:
         """The :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""
@@ -181,29 +147,7 @@ class HybridPlanner(GridPlanner):
         block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
         blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
-        return *car_loops().ways(blocks, target[0] // block, target[1] // block, NEAR * radius / block), block
-
-
-def _turned(pose: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The other way round."""
-    x, y, yaw = pose
-    return x, y, yaw + math.pi
-
-
-def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float64]:
-    """Centres and radii, shape (n, 3), of circles that have all of a robot within them: along its longer side, those
-    round rectangles that are half as long as wide.
-    """
-    if not len(corners):
-        return numpy.array([[0.0, 0.0, reach]])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    along = int((high - low).argmax())
-    count = min(MOST_DISCS, math.ceil(2.0 * (high - low).max() / (high - low).min()))
-    side = (high - low) / numpy.where(numpy.arange(2) == along, count, 1)
-    discs = numpy.empty((count, 3))
-    discs[:, :2], discs[:, 2] = (low + high) / 2.0, math.hypot(*side) / 2.0
-    discs[:, along] = low[along] + side[along] * (numpy.arange(count) + 0.5)
-    return discs
+        return *outline_loops().ways(blocks, target[0] // block, target[1] // block, NEAR * radius / block), block
 
 
 def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: Pose) -> list[Pose]:
@@ -211,5 +155,5 @@ def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: P
     path = [start]
     for turn, length in pieces.tolist():
         begin, count = path[-1], math.ceil(abs(length) / SPACING - 1e-6)
-        path += [Pose(*car_loops().moved(*begin, turn, length * i / count, radius)) for i in range(1, count + 1)]
+        path += [Pose(*outline_loops().moved(*begin, turn, length * i / count, radius)) for i in range(1, count + 1)]
     return [*path[:-1], goal]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final
 
@@ -125,9 +125,13 @@ class GridPlanner:
         before: Sequence[Sequence[Pose]],
     ) -> list[Pose]:
         """A path, where one over cells leads from the one near the start to the one near the goal."""
-        cells = self._search(source, target, stop)
+        cells = self._search(source, target, stop).tolist()
         begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (start, goal))
-        corners = self._pull_straight(begin, cells, end, stop)
+        way = [begin, *((row + 0.5, column + 0.5) for row, column in cells), end]
+        return self._along(start, self._pull_straight(way, stop), goal)
+
+    def _along(self, start: Pose, corners: Sequence[Position], goal: Pose) -> list[Pose]:
+        """A path with corners at these positions; the first and the last are those of start and goal."""
         points = [self._costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
 
@@ -192,7 +196,7 @@ class GridPlanner:
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         width = costs.shape[1]
         start, last = ((row + 1) * width + column + 1 for row, column in (source, target))
-        directions = loops().search(costs, WEIGHTS, start, last, stop.cell)
+        directions, _ = loops().search(costs, WEIGHTS, start, last, stop.cell)
         stop.check()
         steps = neighbours(width)
         way = [last]
@@ -201,29 +205,36 @@ class GridPlanner:
         return numpy.stack(numpy.divmod(way[::-1], width), axis=1) - 1
 
     def _pull_straight(
-        self, begin: Position, cells: NDArray[numpy.int64], end: Position, stop: StopFlag
+        self, way: Sequence[Position], stop: StopFlag, fits: Callable[[int, int], bool] = lambda _here, _there: True
     ) -> list[Position]:
-        """Corners of a path from begin to end that takes straight lines where they are free and cost no more than the
-        cells between do.
+        """Corners of a way, which leads from cell to cell but for its ends, that takes straight lines where they are
+        free and cost no more than what is between, and where a line from one to another place on the way ``fits``.
         """
-        on_the_way = [begin, *(cells + 0.5).tolist(), end]
-        way: list[Position] = [(row, column) for row, column in on_the_way]
+        if len(way) < 3:
+            return list(way)
+        cells = numpy.floor(way[1:-1]).astype(int)
         weights = WEIGHTS[self._costmap.costs[cells[:, 0], cells[:, 1]]]
         weights = numpy.concatenate([weights[:1], weights, weights[-1:]])
-        radii = self._radii(begin, cells, end)
+        radii = self._radii(way[0], cells, way[-1])
         steps = numpy.hypot(*numpy.diff(way, axis=0).T)
         spent = numpy.concatenate([[0.0], numpy.cumsum(steps * (weights[:-1] + weights[1:]) / 2.0)])
+
+        def is_shortcut(i: int, j: int) -> bool:
+            mean = NEUTRAL_COST + COST_FACTOR * self._costmap.mean_cost(way[i], way[j])
+            cheap = math.dist(way[i], way[j]) * mean <= float(spent[j] - spent[i]) * 1.001
+            return cheap and self._costmap.is_clear(way[i], way[j], float(radii[i : j + 1].min())) and fits(i, j)
+
         corners = [way[0]]
         here, last = 0, len(way) - 1
         while here < last:
             stop.check()
             reach = 1
-            while here + reach < last and self._is_shortcut(way, spent, radii, here, min(last, here + 2 * reach)):
+            while here + reach < last and is_shortcut(here, min(last, here + 2 * reach)):
                 reach *= 2
             low, high = min(last, here + reach), min(last, here + 2 * reach)
             while low < high:
                 middle = (low + high + 1) // 2
-                if self._is_shortcut(way, spent, radii, here, middle):
+                if is_shortcut(here, middle):
                     low = middle
                 else:
                     high = middle - 1
@@ -242,19 +253,6 @@ class GridPlanner:
         room = numpy.concatenate([[first], between, [last]])
         radii: NDArray[numpy.float64] = radius + numpy.clip((room - radius) / 2.0, 0.0, SPARE)
         return radii
-
-    def _is_shortcut(
-        self,
-        way: Sequence[Position],
-        spent: NDArray[numpy.float64],
-        radii: NDArray[numpy.float64],
-        i: int,
-        j: int,
-    ) -> bool:
-        mean = NEUTRAL_COST + COST_FACTOR * self._costmap.mean_cost(way[i], way[j])
-        return math.dist(way[i], way[j]) * mean <= float(spent[j] - spent[i]) * 1.001 and self._costmap.is_clear(
-            way[i], way[j], float(radii[i : j + 1].min())
-        )
 
 
 def _resample(corners: Sequence[tuple[float, float]], goal: Pose) -> list[Pose]:

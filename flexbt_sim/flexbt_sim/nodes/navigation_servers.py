@@ -72,7 +72,7 @@ class Navigation:
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
-        prepare_navigation(self._parameters.follower.steering)
+        prepare_navigation(self._parameters.follower.steering, self._parameters.inflation)
         runtime.call(lambda: self._serve(in_process))
         timeout = self._parameters.peer_timeout
         self._owners = [

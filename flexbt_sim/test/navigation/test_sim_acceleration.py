@@ -105,7 +105,7 @@ def test_the_cheapest_way(data: st.DataObject, world: OccupancyMap) -> None:
     assume(free)
     start, goal = data.draw(st.sampled_from(free)), data.draw(st.sampled_from(free))
     spent = [
-        way_cost(costs, search(costs, WEIGHTS, start, goal, StopFlag().cell), start, goal)
+        way_cost(costs, search(costs, WEIGHTS, start, goal, StopFlag().cell)[0], start, goal)
         for search in (loops().search, arrays.search)
     ]
     assert spent == pytest.approx([least_cost(costs, start, goal)] * 2, rel=1e-5)
@@ -157,7 +157,7 @@ def test_a_search_ends_when_it_is_stopped(kind: Callable[[], Any]) -> None:
     costs[0] = costs[-1] = costs[:, 0] = costs[:, -1] = LETHAL
     stop: Any = StopFlag()
     stop.set()
-    reached = (kind().search(costs, WEIGHTS, 403, 401 * 402 - 2, stop.cell) >= 0).sum()
+    reached = (kind().search(costs, WEIGHTS, 403, 401 * 402 - 2, stop.cell)[0] >= 0).sum()
     assert 0 < reached < 20_000
     with pytest.raises(PlanningStopped):
         GridPlanner(Costmap(OccupancyMap(costs.astype(numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)), INFLATION)).plan(
@@ -180,7 +180,7 @@ def test_a_search_leaves_the_interpreter_to_others(kind: Callable[[], Any]) -> N
 
         def work() -> None:
             begins.set()
-            reached.append(kind().search(costs, WEIGHTS, size + 1, size * (size - 1) - 2, stop.cell)[-size - 2])
+            reached.append(kind().search(costs, WEIGHTS, size + 1, size * (size - 1) - 2, stop.cell)[0][-size - 2])
 
         thread = threading.Thread(target=work)
         thread.start()

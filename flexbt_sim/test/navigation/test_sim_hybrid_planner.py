@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from flexbt_sim.costmaps import Costmap, Inflation
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import HybridPlanner, Navigator, Steering, StopFlag, hybrid_kernels, hybrid_planner
-from flexbt_sim.navigation.hybrid_planner import STEERING_RESERVE, CarLoops, car_loops
+from flexbt_sim.navigation.hybrid_planner import STEERING_RESERVE
+from flexbt_sim.navigation.outline_planner import OutlineLoops, outline_loops
 from flexbt_sim.navigation.track import drivable_legs
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
 
@@ -48,13 +49,13 @@ def check(costmap: Costmap, path: Sequence[Pose], start: Pose, goal: Pose, rever
 @settings(deadline=None, max_examples=100)
 @given(*[st.floats(-8.0, 8.0)] * 2, st.floats(-7.0, 7.0), st.booleans())
 def test_curves_end_where_they_are_to(x: float, y: float, yaw: float, reverses: bool) -> None:
-    found = car_loops().curves(x, y, yaw, reverses)
+    found = outline_loops().curves(x, y, yaw, reverses)
     assert len(found)
     for turns, lengths in zip(found[:, :3].tolist(), found[:, 3:6].tolist(), strict=True):
         assert reverses or min(lengths) >= 0.0
         there = (0.0, 0.0, 0.0)
         for turn, length in zip(turns, lengths, strict=True):
-            there = car_loops().moved(*there, turn, length, 1.0)
+            there = outline_loops().moved(*there, turn, length, 1.0)
         assert math.dist(there[:2], (x, y)) < 1e-9
         assert abs(wrap(there[2] - yaw)) < 1e-9
 
@@ -82,7 +83,7 @@ def test_there_is_a_plan_to_wherever_a_car_has_driven(
     assume(not roomy.in_collision(start))
     for turn, length in pieces:
         for _ in range(math.ceil(abs(length) / 0.25)):
-            there = Pose(*car_loops().moved(*here, turn, math.copysign(0.25, length), 1.2 * WIDE))
+            there = Pose(*outline_loops().moved(*here, turn, math.copysign(0.25, length), 1.2 * WIDE))
             if roomy.in_collision(there):
                 break
             here = there
@@ -96,7 +97,7 @@ def test_a_car_can_be_moved_by_the_room_that_it_has() -> None:
         costmap = yard([(r, c, h, w) for r, c, h, w in random.integers((1, 1, 2, 2), (29, 39, 6, 7), (9, 4)).tolist()])
         planner = HybridPlanner(costmap, Steering(RADIUS))
         for x, y, yaw, direction in random.uniform((-19, -14, -3.1, -3.1), (19, 14, 3.1, 3.1), (200, 4)).tolist():
-            room = 0.2 * car_loops().room(*planner.shape, 0.25, *planner.on_grid(Pose(x, y, yaw)))
+            room = 0.2 * outline_loops().room(*planner.shape, 0.25, *planner.on_grid(Pose(x, y, yaw)))
             if room >= 0.0:
                 roomy += 1
                 assert not costmap.in_collision(Pose(x, y, yaw))
@@ -138,8 +139,8 @@ def test_a_search_ends_when_it_is_stopped() -> None:
     wall = yard(((14, 0, 1, 40),))
     shape = *HybridPlanner(wall, Steering(RADIUS)).shape, 0.25, 1.0
     ends = (100.0, 40.0, 0.0), (100.0, 110.0, 0.0)
-    ways = car_loops().ways(numpy.ones(wall.obstacles.shape, bool), 100, 110, 75.0)
-    pieces, states = car_loops().hybrid_search(*shape, *ways, 1, *ends, 25.0, 4.0, True, 100_000, stop.cell)
+    ways = outline_loops().ways(numpy.ones(wall.obstacles.shape, bool), 100, 110, 75.0)
+    pieces, states = outline_loops().hybrid_search(*shape, *ways, 1, *ends, 25.0, 4.0, True, 100_000, stop.cell)
     assert len(pieces) == 0
     assert 1 < states < 1000
 
@@ -147,14 +148,14 @@ def test_a_search_ends_when_it_is_stopped() -> None:
 @pytest.fixture
 def states(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many each search has looked at."""
-    loops, looked = car_loops(), []
+    loops, looked = outline_loops(), []
 
     def search(*problem: Any) -> Any:
         pieces, states = loops.hybrid_search(*problem)
         looked.append(states)
         return pieces, states
 
-    monkeypatch.setattr(hybrid_planner, 'car_loops', lambda: loops._replace(hybrid_search=search))
+    monkeypatch.setattr(hybrid_planner, 'outline_loops', lambda: loops._replace(hybrid_search=search))
     return looked
 
 
@@ -213,7 +214,9 @@ def test_a_goal_on_the_way_that_has_moved_a_little_is_met_where_it_is_now() -> N
 
 def test_a_search_that_is_not_compiled_is_given_up_earlier(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        hybrid_planner, 'car_loops', lambda: CarLoops(*(getattr(hybrid_kernels, name) for name in CarLoops._fields))
+        hybrid_planner,
+        'outline_loops',
+        lambda: OutlineLoops(*(getattr(hybrid_kernels, name) for name in OutlineLoops._fields)),
     )
     monkeypatch.setattr(hybrid_planner, 'MOST_INTERPRETED', (10, 30))
     planner = HybridPlanner(yard(LANE, 0.5), Steering(RADIUS, reverses=False))
