@@ -218,6 +218,7 @@ class Simulator:
             self.world.reset()
             self._tell_scene()
         self.pacer.forget_drivers()
+        self._serve_entities()
 
     def reset_time(self) -> None:
         """The clock begins at 0."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 from .descriptions import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
 from .plane import Body, Circle, Polygon, Pose, Shape, Surroundings, contains, generator
@@ -154,17 +154,31 @@ class Door(Body):
         return Polygon(((end, side), (start, side), (start, -side), (end, -side)))
 
 
+M = TypeVar('M', StationModel, ZoneModel)
+
+
 @dataclass
-class Station:
-    """A charging station."""
+class Marking(Generic[M]):
+    """Something on the ground, which takes up no room."""
 
     name: str
-    model: StationModel
+    model: M
+
+    def __post_init__(self) -> None:
+        self._start = self.model
+
+    def reset(self) -> None:
+        """As it was at the start."""
+        self.model = self._start
 
     @property
     def pose(self) -> Pose:
-        """Where a robot has to be to be charged."""
+        """Its origin."""
         return self.model.pose
+
+
+class Station(Marking[StationModel]):
+    """A charging station: its pose is where a robot has to be to be charged."""
 
     @property
     def shape(self) -> Shape:
@@ -172,17 +186,8 @@ class Station:
         return Circle(self.model.reach)
 
 
-@dataclass
-class Zone:
+class Zone(Marking[ZoneModel]):
     """An area with a rule."""
-
-    name: str
-    model: ZoneModel
-
-    @property
-    def pose(self) -> Pose:
-        """Its origin."""
-        return self.model.pose
 
     @property
     def shape(self) -> Shape:

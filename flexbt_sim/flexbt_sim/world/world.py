@@ -361,7 +361,7 @@ class World:
         self._bring(thing)
 
     def reset(self) -> None:
-        """All robots, obstacles and doors are as they were when they came, and so are the random numbers.
+        """Everything is as it was when it came, and so are the random numbers.
 
         The time goes on, and so do faults.
 
@@ -381,8 +381,7 @@ class World:
         for robot in list(self._held):
             self._let_go(robot)
         for entity in self._entities.values():
-            if isinstance(entity, Robot | Obstacle | Door):
-                entity.reset()
+            entity.reset()
         self._next_scan = 0.0
         self._space.changed(*self._movers)
 

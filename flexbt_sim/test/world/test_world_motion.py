@@ -222,7 +222,11 @@ def test_what_comes_and_goes_does_not_change_the_noise_of_the_others() -> None:
 
 def test_a_reset_world_runs_as_before() -> None:
     world = busy()
+    world.add('dock', StationModel(pose=Pose(0.0, 0.0, 0.0)))
+    world.add('mud', ZoneModel(kind='slow', area=Circle(0.5), speed=0.05))
     first = [state.entities for state in walk(world, 100)]
+    world.move('dock', Pose(1.0, 1.0, 0.0))
+    world.move('mud', Pose(1.0, 1.0, 0.0))
     world.reset()
     assert [state.entities for state in walk(world, 100)] == first
 

@@ -38,6 +38,9 @@ class Body:
         self.near: list[Body] = []
         """What may touch it soon."""
 
+    def reset(self) -> None:
+        """As it was at the start."""
+
     def tick(self, surroundings: Surroundings, duration: float) -> None:
         """Move for a short time, s. Most things do not."""
 
