@@ -165,7 +165,7 @@ class Marking(Generic[M]):
     model: M
 
     def __post_init__(self) -> None:
-        self._start = self.model
+        self._start: M = self.model
 
     def reset(self) -> None:
         """As it was at the start."""
