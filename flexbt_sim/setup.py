@@ -32,6 +32,7 @@ setup(
             'simulator = flexbt_sim.executables:simulator',
             'navigation = flexbt_sim.executables:navigation',
             'simulation = flexbt_sim.executables:simulation',
+            'lifecycle_manager = flexbt_sim.executables:lifecycle_manager',
             'world_tool = flexbt_sim.executables:world_tool',
         ],
     },

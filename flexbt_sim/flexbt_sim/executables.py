@@ -25,6 +25,11 @@ def simulation() -> int:
     return _run_threads('flexbt_sim.simulation')
 
 
+def lifecycle_manager() -> int:
+    """See :mod:`flexbt_sim.nodes.lifecycle_manager`; gives the exit code."""
+    return run_main('flexbt_sim.nodes.lifecycle_manager')
+
+
 def _run_threads(module: str) -> int:
     sys.setswitchinterval(SWITCH_INTERVAL)
     return run_main(module)

@@ -17,6 +17,7 @@ import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
 from flexbt_common.runtime import NodeRuntime
+from flexbt_sim.nodes.lifecycle_manager import declare_manager_parameters
 from flexbt_sim.server_common import declare_navigation_parameters
 from flexbt_sim.simulator import declare_simulator_parameters
 
@@ -85,6 +86,7 @@ def test_executables() -> None:
         ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
         ('simulator', declare_simulator_parameters),
         ('navigation', declare_navigation_parameters),
+        ('lifecycle_manager', declare_manager_parameters),
         ('recorder', flexbt_console.recording.recorder.declare_parameters),
     ],
 )
