@@ -87,7 +87,11 @@ def _run(world: World, options: argparse.Namespace) -> str:
     else:
         draw_world(world, trace, pixels=options.pixels).save(options.picture)
     contacts = {name: robot.contacts for name, robot in world.robots.items() if robot.contacts}
-    report = [f'{options.picture} is written, after {world.time:g} s; contacts: {contacts or "none"}']
+    violations = {name: robot.violations for name, robot in world.robots.items() if robot.violations}
+    report = [
+        f'{options.picture} is written, after {world.time:g} s; contacts: {contacts or "none"}; '
+        f'no-go zones entered: {violations or "none"}'
+    ]
     for name, trip in trips.items():
         ended = f'{trip.code or "reached"} after {trip.seconds:.1f} s, {trip.length:.1f} m'
         report.append(f'{name}: ' + ('on its way' if name in driven else ended))

@@ -66,6 +66,7 @@ class Simulator:
         self._set_periods()
         self._robots: dict[str, RobotTopics] = {}
         self._logged_faults = frozenset[Fault]()
+        self._logged_violations: dict[str, int] = {}
         self._spawned: dict[str, str] = {}
         """What has come by service, and the namespace that was wanted."""
         self._map_servers: dict[str, MapServer] = {}
@@ -262,12 +263,18 @@ class Simulator:
         for topics in self._robots.values():
             topics.publish_server_faults()
 
-    def _log_faults(self) -> None:
-        """Say which faults have begun, and which are over."""
+    def _log_events(self) -> None:
+        """Say which faults have begun, and which are over; and who has entered a no-go zone."""
+        log = self.runtime.node.get_logger()
+        for robot in self.world.robots.values():
+            if robot.violations > self._logged_violations.get(robot.name, 0):
+                there = [name for name in robot.zones if self.world.zones[name].model.kind == 'no_go']
+                log.warning(f'{robot.name} has entered a no-go zone: {", ".join(there)}')
+        self._logged_violations = {name: robot.violations for name, robot in self.world.robots.items()}
         begun = self.world.begun_faults
         for faults, what in ((begun - self._logged_faults, 'begins'), (self._logged_faults - begun, 'is over')):
             for one in sorted(faults, key=lambda one: (one.begins, one.entity, one.parameters.slot)):
-                self.runtime.node.get_logger().warning(f'{one.entity}: {one.parameters} {what}')
+                log.warning(f'{one.entity}: {one.parameters} {what}')
         self._logged_faults = begun
 
     def _tell_scene(self) -> None:
@@ -351,7 +358,7 @@ class Simulator:
             self.world.step()
             self._steps += 1
             self._publish_faults()
-            self._log_faults()
+            self._log_events()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:

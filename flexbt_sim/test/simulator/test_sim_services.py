@@ -478,6 +478,14 @@ def test_faults_come_and_go(bench: Bench) -> None:
         assert not answer.success and says in answer.message, answer.message
 
 
+def test_who_enters_a_no_go_zone_is_told_in_the_log(bench: Bench) -> None:
+    log = bench.listen(Log, '/rosout')
+    for name, kind in (('mud', 'slow'), ('lawn', 'no_go')):
+        spawned = bench.spawn(f'zones: {{{name}: {{kind: {kind}, pose: [1, 4, 0], area: 0.2}}}}')
+        assert spawned.result.result == Result.RESULT_OK
+    wait_until(lambda: 'beta has entered a no-go zone: lawn' in [one.msg for one in log], lambda: log)
+
+
 def test_late_commands_drive_late(bench: Bench) -> None:
     robot = bench.simulator.world.robots['alpha']
     drive = bench.publisher(Twist, '/alpha/cmd_vel')

@@ -241,9 +241,9 @@ class ZoneModel(Specification):
     title: ClassVar[str] = 'zone'
 
     kind: str = key(
-        '`no_go`: navigation keeps out of it, and entering it is counted as a violation; `slow`: robots in it are held '
-        'to a speed; `sensor_shadow`: the lidar of a robot in it returns nothing, and its localization goes on by '
-        'odometry alone',
+        '`no_go`: navigation keeps out of it; who enters it all the same is told in the log, and counted; `slow`: '
+        'robots in it are held to a speed; `sensor_shadow`: the lidar of a robot in it returns nothing, and its '
+        'localization goes on by odometry alone',
         choices=('no_go', 'slow', 'sensor_shadow'),
     )
     area: Shape = key('what it covers: a radius, [length, width], or the corners of a polygon')
