@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy
 import pytest
@@ -35,6 +36,17 @@ def test_known_distances_are_exact_at_centres_corners_and_edges(world: Occupancy
     assert world.distances.shape == world.cells.shape
     for row, column in ((0, 0), (world.height - 1, world.width - 1)):
         assert world.distances[row, column] == pytest.approx(min(room(world, *world.point(row, column)), FAR), abs=1e-6)
+
+
+def test_the_largest_maps_have_room_in_memory() -> None:
+    """Ten million cells have forty million places: what is told of each is not computed of all at once."""
+    world = OccupancyMap(numpy.eye(200, dtype=numpy.int8) * 100, 0.05, Pose(0.0, 0.0, 0.0))
+    tracemalloc.start()
+    try:
+        places = world.half_cell_distances.size
+        assert tracemalloc.get_traced_memory()[1] < 16 * places
+    finally:
+        tracemalloc.stop()
 
 
 @given(st.data(), worlds())

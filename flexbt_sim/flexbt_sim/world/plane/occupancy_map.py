@@ -31,7 +31,7 @@ MODES: Final = ('trinary', 'scale', 'raw')
 
 MAX_YAML_BYTES: Final = 20_000
 MAX_CELLS: Final = 10_000_000
-"""Largest map, cells: to know all distances on it takes some 1.7 GB of memory, for a second."""
+"""Largest map, cells: to know all distances on it takes some 0.6 GB of memory, for a second."""
 
 MIN_RESOLUTION: Final = 0.001
 MAX_RESOLUTION: Final = 100.0
@@ -85,7 +85,13 @@ class OccupancyMap:
             touched[row : row + 2 * self.height : 2, column : column + 2 * self.width : 2] |= self.obstacles
         if not self.obstacles.any():
             return numpy.full(touched.shape, FAR, numpy.float32)
-        distances: Distances = scipy.ndimage.distance_transform_edt(~touched).astype(numpy.float32)
+        nearest = scipy.ndimage.distance_transform_edt(~touched, return_distances=False, return_indices=True)
+        distances: Distances = numpy.empty(touched.shape, numpy.float32)
+        columns = numpy.arange(touched.shape[1], dtype=numpy.int32)
+        for row, (up, right) in enumerate(zip(*nearest, strict=True)):  # as a whole it would take twice the memory
+            distances[row] = numpy.sqrt(
+                numpy.square(up - row, dtype=float) + numpy.square(right - columns, dtype=float)
+            )
         distances *= self.resolution / 2.0
         return distances
 
