@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 from flexbt_sim.errors import SimulationError
 
 from .plane import UNKNOWN, Circle, OccupancyMap, Point, Pose, Shape, compose
-from .robot import Robot, Scan
+from .robot import Scan
 from .scenery import Obstacle
 from .world import World
 
@@ -84,7 +84,7 @@ class Trace:
         target = Path(file)
         if target.suffix.lower() not in ('.gif', '.png'):
             raise SimulationError(f'{file}: a moving picture is a .gif or a .png')
-        drawing = _Drawing(self._world, pixels)
+        drawing = _Drawing(self._world, pixels, self.frames)
         pictures = [drawing.draw(frame, self, paths or {}) for frame in self.frames]
         span = self.frames[-1].time - self.frames[0].time
         shown = max(20, round(1000.0 * span / max(1, len(pictures) - 1) / speed))
@@ -121,17 +121,18 @@ def draw_world(
         SimulationError: so many pixels cannot be.
     """
     now = frame_of(world)
-    return _Drawing(world, pixels).draw(now if time is None else replace(now, time=time), trace, paths or {})
+    drawing = _Drawing(world, pixels, [now, *(trace.frames if trace is not None else ())])
+    return drawing.draw(now if time is None else replace(now, time=time), trace, paths or {})
 
 
 class _Drawing:
-    """What stands still of a world, and the scale."""
+    """What stands still of a world, and the scale: all that is in it is in the picture, whenever it was."""
 
-    def __init__(self, world: World, pixels: int) -> None:
+    def __init__(self, world: World, pixels: int, frames: Sequence[Frame]) -> None:
         if not 16 <= pixels <= MAX_PIXELS:
             raise SimulationError(f'a picture of {pixels} pixels; give 16 to {MAX_PIXELS}')
         self._world = world
-        points = list(_extent(world))
+        points = list(_extent(world, frames))
         self._left, self._top = min(x for x, _ in points), max(y for _, y in points)
         width, height = max(x for x, _ in points) - self._left, self._top - min(y for _, y in points)
         self._scale = _FINE * pixels / max(width, height)
@@ -256,7 +257,7 @@ class _Drawing:
                 along = ahead
 
 
-def _extent(world: World) -> Iterable[Point]:
+def _extent(world: World, frames: Sequence[Frame]) -> Iterable[Point]:
     """Points that have to be on a picture."""
     if world.map is not None:
         grid = world.map
@@ -264,8 +265,9 @@ def _extent(world: World) -> Iterable[Point]:
             for column in (-0.5, grid.width - 0.5):
                 yield grid.point(row, column)
         return
-    yield from ((-1.0, -1.0), (1.0, 1.0))
-    for entity in world.entities.values():
-        margin = 1.0 + (entity.radius if isinstance(entity, Robot | Obstacle) else 0.0)
-        yield entity.pose.x - margin, entity.pose.y - margin
-        yield entity.pose.x + margin, entity.pose.y + margin
+    areas = [(1.0, Pose(0.0, 0.0, 0.0)), *((1.0, place) for place in world.places.values())]
+    areas += [(1.0 + one.shape.radius, one.pose) for one in (*world.zones.values(), *world.stations.values())]
+    areas += [(1.0 + shape.radius, pose) for frame in frames for shape, pose in frame.bodies.values()]
+    for margin, (x, y, _) in areas:
+        yield x - margin, y - margin
+        yield x + margin, y + margin

@@ -11,7 +11,7 @@ from PIL import Image, ImageChops
 from sim_maps import drawn
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world import MODELS, ObstacleModel, Pose, Trace, World, ZoneModel, box, draw_world
+from flexbt_sim.world import MODELS, Circle, ObstacleModel, Pose, Trace, World, ZoneModel, box, draw_world
 from flexbt_sim.world_tool import main
 
 WORLD = """\
@@ -93,6 +93,21 @@ def test_paths_driven_and_planned_are_drawn() -> None:
     bare = draw_world(world).tobytes()
     assert draw_world(world, trace).tobytes() != bare
     assert draw_world(world, paths={'alpha': [(0.0, 0.0), (1.0, 1.0), (1.0, -1.0)]}).tobytes() != bare
+
+
+def test_without_a_map_all_that_is_and_was_there_is_in_the_picture(tmp_path: Path) -> None:
+    world = World(places={'far': Pose(0.0, 12.0, 0.0)})
+    world.add('alpha', MODELS['burger'], Pose(-30.0, 0.0, 0.0))
+    trace = Trace(world)
+    world.move('alpha', Pose(20.0, 0.0, 0.0))
+    trace.record()
+    world.move('alpha', Pose(0.0, 0.0, 0.0))
+    world.add('lawn', ZoneModel(kind='no_go', pose=Pose(0.0, -10.0, 0.0), area=Circle(5.0)))
+    wide, high = 50.0 + 2 * 1.105, 13.0 + 16.0  # with a margin of 1 m
+    trace.animate(tmp_path / 'run.png', pixels=1000)
+    with Image.open(tmp_path / 'run.png') as moving:
+        for size in (draw_world(world, trace, pixels=1000).size, moving.size):
+            assert size[0] / size[1] == pytest.approx(wide / high, rel=0.01)
 
 
 @pytest.mark.parametrize('suffix', ['gif', 'png'])
