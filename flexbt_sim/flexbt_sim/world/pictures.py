@@ -266,7 +266,8 @@ def _extent(world: World, frames: Sequence[Frame]) -> Iterable[Point]:
                 yield grid.point(row, column)
         return
     areas = [(1.0, Pose(0.0, 0.0, 0.0)), *((1.0, place) for place in world.places.values())]
-    areas += [(1.0 + one.shape.radius, one.pose) for one in (*world.zones.values(), *world.stations.values())]
+    areas += [(1.0 + zone.shape.radius, zone.pose) for zone in world.zones.values()]
+    areas += [(1.0 + station.shape.radius, station.pose) for station in world.stations.values()]
     areas += [(1.0 + shape.radius, pose) for frame in frames for shape, pose in frame.bodies.values()]
     for margin, (x, y, _) in areas:
         yield x - margin, y - margin
