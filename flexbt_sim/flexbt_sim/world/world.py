@@ -196,7 +196,8 @@ class World:
     # -- changes -----------------------------------------------------------------------------------------------------
 
     def add(self, name: str, model: EntityModel, pose: Pose | None = None) -> Any:
-        """Add an entity; ``pose`` is that of a robot, or in place of that of the model. Returns the entity.
+        """Add an entity; ``pose`` is that of a robot, or in place of that of the model (a door has none). Returns the
+        entity.
 
         Raises:
             SimulationError: the name is taken or cannot be one, the pose is missing, there is no room, or a station or
@@ -226,6 +227,8 @@ class World:
             check_pose(pose)
             return Robot(name, model, pose, self.seed)
         if isinstance(model, DoorModel):
+            if pose is not None:
+                raise SimulationError(f"door '{name}': it is where its ends are; leave the pose out")
             return Door(name, model)
         if pose is not None:
             model = dataclasses.replace(model, pose=pose)
