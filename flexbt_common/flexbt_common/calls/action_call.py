@@ -417,8 +417,7 @@ class ActionCall:
             self._runtime.report_fault(error, f'a callback of the goal for {self._link}')
 
     def _after(self, purpose: str, seconds: float, fn: Callable[[], None]) -> None:
-        steady = self._runtime.steady
-        self._timers[purpose] = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(fn))
+        self._timers[purpose] = self._runtime.post_in(seconds, fn)
 
     def _drop(self, purpose: str) -> None:
         timer = self._timers.pop(purpose, None)

@@ -347,10 +347,7 @@ class _Server(OpenActionServer):
         self._keep_result(goal_id, response)
         self._list_soon()
         self.notify_goal_done()
-        steady = self._runtime.steady
-        steady.call_at(
-            steady.now() + RESULT_SECONDS, lambda: self._runtime.post(functools.partial(self._drop_result, goal_id))
-        )
+        self._runtime.post_in(RESULT_SECONDS, functools.partial(self._drop_result, goal_id))
         self.on_end(goal_id)
 
     def destroy(self) -> None:
@@ -406,8 +403,7 @@ class _Server(OpenActionServer):
     def _list_soon(self) -> None:
         if not self._has_changed:
             self._has_changed = True
-            steady = self._runtime.steady
-            steady.call_at(steady.now() + _LIST_AFTER_SECONDS, lambda: self._runtime.post(self._list))
+            self._runtime.post_in(_LIST_AFTER_SECONDS, self._list)
 
     def _list(self) -> None:
         if self._has_changed:

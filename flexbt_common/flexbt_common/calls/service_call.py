@@ -169,5 +169,4 @@ class ServiceCall:
             self._runtime.report_fault(error, f'a callback of the request to {self._link}')
 
     def _after(self, seconds: float, fn: Callable[[], None]) -> None:
-        steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(fn))
+        self._timer = self._runtime.post_in(seconds, fn)

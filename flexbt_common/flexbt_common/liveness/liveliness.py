@@ -368,8 +368,7 @@ class LivelinessWatch:
             self._end.cancel()
             self._end = None
         if late_since is not None:
-            end = late_since + self._timeout
-            self._end = self._runtime.steady.call_at(end, lambda: self._runtime.post(self._on_timeout))
+            self._end = self._runtime.post_at(late_since + self._timeout, self._on_timeout)
 
     def _on_timeout(self) -> None:
         if self._end is not None:
@@ -553,7 +552,7 @@ class _SeenToken:
         else:
             self.late_since = late_from - LEASE_SECONDS if self.late_since is None else self.late_since
             next_look = now + _LOOK_SECONDS
-        self._timer = self._runtime.steady.call_at(next_look, lambda: self._runtime.post(self._review))
+        self._timer = self._runtime.post_at(next_look, self._review)
         self._inform()
 
     def _inform(self) -> None:

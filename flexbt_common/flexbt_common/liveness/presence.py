@@ -164,7 +164,7 @@ class PresenceWatch:
             self._note_end(participant)
         if self._look is None and self._heard:
             first_end = min(self._heard.values()) + PRESENCE_LEASE_SECONDS
-            self._look = self._runtime.steady.call_at(first_end, lambda: self._runtime.post(self._look_again))
+            self._look = self._runtime.post_at(first_end, self._look_again)
         present = frozenset(token.name for token in self._heard)
         if present != self.present:
             self.present = present

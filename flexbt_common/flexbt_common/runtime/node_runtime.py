@@ -44,7 +44,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from flexbt_common.names import deep_services
-from flexbt_core.clock import CoalescedTimers, SteadyClock
+from flexbt_core.clock import CoalescedTimers, SteadyClock, Timer
 from flexbt_core.values import lines
 
 from . import rclpy_private
@@ -91,6 +91,20 @@ class DeepNode(Node):
         return super().create_service(
             srv_type, srv_name, callback, qos_profile=qos_profile or deep_services(), **options
         )
+
+
+class _PostedTimer:
+    def __init__(self, runtime: NodeRuntime, when: float, fn: Callable[[], object]) -> None:
+        self._fn: Callable[[], object] | None = fn
+        self._timer = runtime.steady.call_at(when, lambda: runtime.post(self._run))
+
+    def _run(self) -> None:
+        if self._fn is not None:
+            self._fn()
+
+    def cancel(self) -> None:
+        self._fn = None
+        self._timer.cancel()
 
 
 class NodeRuntime:
@@ -152,7 +166,7 @@ class NodeRuntime:
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
-        self._executor = make_executor(self.node, self._on_escaped, self.health.check_pause, self._later)
+        self._executor = make_executor(self.node, self._on_escaped, self.health.check_pause, self.post_in)
         self.simulated_time = self._executor.simulated_time
         self.listening_time = self._executor.listening_time
         self._doorbell = self.node.create_guard_condition(lambda: None)
@@ -190,9 +204,6 @@ class NodeRuntime:
         """Whether the end has begun for the executor; what is posted now is dropped."""
         return self._closed.is_set()
 
-    def _later(self, seconds: float, fn: Callable[[], object]) -> None:
-        self.steady.call_at(self.steady.now() + seconds, lambda: self.post(fn))
-
     def post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
 
@@ -201,6 +212,17 @@ class NodeRuntime:
         with self._lock:
             if not self.closed:
                 self._post_locked(fn)
+
+    def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` on the executor thread at the time ``when`` of the steady clock; from any thread.
+
+        Cancelled on the executor thread, the timer runs nothing any more, also when it was due already.
+        """
+        return _PostedTimer(self, when, fn)
+
+    def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
+        """Run ``fn`` on the executor thread in so many seconds of wall time, as :meth:`post_at`."""
+        return self.post_at(self.steady.now() + seconds, fn)
 
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
         """Run ``fn`` once when the executor is awake anyway, ``tolerance`` seconds before or after the time ``when`` of

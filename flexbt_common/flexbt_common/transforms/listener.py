@@ -137,8 +137,7 @@ class TransformListener:
         if attempt(timeout <= 0.0):
             return
         self._waiting.append(attempt)
-        steady = self._runtime.steady
-        steady.call_at(steady.now() + timeout, lambda: self._runtime.post(lambda: self._end(attempt)))
+        self._runtime.post_in(timeout, lambda: self._end(attempt))
 
     def _is_awaited(self) -> bool:
         return bool(self._waiting) or self._runtime.steady.now() - self._heard_at >= REST_SECONDS

@@ -6,6 +6,7 @@ from __future__ import annotations
 import queue
 import signal
 import threading
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,23 @@ NOT_FOR_ROS = 'fail stuck fleet failing raising exit interrupt shutdown abort'.s
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
+
+
+def test_what_is_posted_for_later_is_not_run_when_it_is_cancelled_though_it_is_due() -> None:
+    run: list[str] = []
+    with NodeRuntime.open('posting') as runtime:
+
+        def hold_up() -> None:
+            runtime.post_in(0.05, lambda: run.append('kept'))
+            timer = runtime.post_in(0.05, lambda: run.append('cancelled'))
+            time.sleep(0.2)
+            assert not run
+            timer.cancel()
+
+        runtime.call(hold_up)
+        wait_until(lambda: run, 'what is not cancelled')
+        runtime.call(lambda: None)
+        assert run == ['kept']
 
 
 def test_posted_work_runs_in_order_on_the_executor_thread() -> None:

@@ -419,7 +419,7 @@ class OperatorLink:
             self._resend = None
         due = self._mirror.next_command_time(self._reachable)
         if due is not None:
-            self._resend = self._runtime.steady.call_at(due, lambda: self._runtime.post(self._send_due))
+            self._resend = self._runtime.post_at(due, self._send_due)
 
     def _note_change(self, change: Change) -> None:
         for changed in tuple(self._waiting):

@@ -158,7 +158,7 @@ class Authority:
         absent = [seen for operator, seen in self._requests.items() if operator not in there]
         if absent:
             when = min(absent) + self._timeout
-            self._requests_timer = self._runtime.steady.call_at(when, lambda: self._runtime.post(self._expire_requests))
+            self._requests_timer = self._runtime.post_at(when, self._expire_requests)
 
     def _pass_on(self, why: str) -> None:
         there = self._first_there()
@@ -197,7 +197,7 @@ class Authority:
             self._timer = None
         if self.holder and not self._is_present:
             when = self._last_seen + self._timeout
-            self._timer = self._runtime.steady.call_at(when, lambda: self._runtime.post(self._time_is_over))
+            self._timer = self._runtime.post_at(when, self._time_is_over)
 
     @property
     def _is_present(self) -> bool:

@@ -76,8 +76,7 @@ class ClockPublishers:
         self._after(PAUSE_SECONDS, self._look)
 
     def _after(self, seconds: float, then: Callable[[], None]) -> None:
-        steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(then))
+        self._timer = self._runtime.post_in(seconds, then)
 
     def _set_problem(self, problem: str) -> None:
         before, self.problem = self.problem, problem

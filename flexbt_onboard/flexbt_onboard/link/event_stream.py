@@ -54,7 +54,7 @@ class EventStream:
                 return
             self._is_planned = True
             due = max(self._next, self._runtime.steady.now())
-        self._runtime.steady.call_at(due, lambda: self._runtime.post(self._publish))
+        self._runtime.post_at(due, self._publish)
 
     def _publish(self) -> None:
         with self._lock:

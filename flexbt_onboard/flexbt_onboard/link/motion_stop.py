@@ -163,17 +163,12 @@ class MotionStop:
         self._timer = self._patience = None
 
     def _act(self) -> None:
-        steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + _PERIOD, lambda: self._runtime.post(self._act_again))
+        self._timer = self._runtime.post_in(_PERIOD, self._act)
         if self._round % _CANCEL_PERIODS == 0:
             self._cancel_all_of(self._servers())
         self._round += 1
-        if self._moves() or steady.now() < self._zero_until:
+        if self._moves() or self._runtime.steady.now() < self._zero_until:
             self._command_zero()
-
-    def _act_again(self) -> None:
-        if self._timer is not None:
-            self._act()
 
     def _servers(self) -> list[str]:
         node = self._runtime.node
@@ -215,8 +210,7 @@ class MotionStop:
             while unasked and unasked is self._unasked:
                 self._ask_next()
 
-        steady = self._runtime.steady
-        self._patience = steady.call_at(steady.now() + _FRONT_SECONDS, lambda: self._runtime.post(lose_patience))
+        self._patience = self._runtime.post_in(_FRONT_SECONDS, lose_patience)
         self._ask_answered()
 
     def _ask_answered(self) -> None:

@@ -129,9 +129,7 @@ class PeersWatch:
             peer.tell_late.cancel()
             peer.tell_late = None
         if late:
-            steady = self._runtime.steady
-            told = functools.partial(self._runtime.post, functools.partial(self._tell_late, peer))
-            peer.tell_late = steady.call_at(steady.now() + LATE_SECONDS, told)
+            peer.tell_late = self._runtime.post_in(LATE_SECONDS, functools.partial(self._tell_late, peer))
         self._tell_change()
 
     def _tell_late(self, peer: _Peer) -> None:

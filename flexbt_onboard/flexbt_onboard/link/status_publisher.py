@@ -58,8 +58,7 @@ class StatusPublisher:
         if wait <= 0.0:
             self._send_now()
         elif self._delay is None:
-            steady = self._runtime.steady
-            self._delay = steady.call_at(steady.now() + wait, lambda: self._runtime.post(self._delay_is_over))
+            self._delay = self._runtime.post_in(wait, self._delay_is_over)
 
     def _delay_is_over(self) -> None:
         self._delay = None

@@ -51,10 +51,8 @@ class OperatorWatch:
         run = self._run
         if run is None or self._presence.present or run.snapshot.operator_gone is OperatorGone.CONTINUE:
             return
-        steady = self._runtime.steady
-        self._timer = steady.call_at(
-            steady.now() + run.snapshot.operator_gone_after, lambda: self._runtime.post(lambda: self._time_is_over(run))
-        )
+        seconds = run.snapshot.operator_gone_after
+        self._timer = self._runtime.post_in(seconds, lambda: self._time_is_over(run))
 
     def _time_is_over(self, run: BehaviorRun) -> None:
         if run is not self._run or self._presence.present:

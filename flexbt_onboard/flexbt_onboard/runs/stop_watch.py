@@ -85,8 +85,7 @@ class StopWatch:
         self._halt_for(HALT_SECONDS)
 
     def _halt_for(self, seconds: float) -> None:
-        steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(self._leave_halted))
+        self._timer = self._runtime.post_in(seconds, self._leave_halted)
 
     def _leave_halted(self) -> None:
         if self._run is not None:
@@ -113,8 +112,7 @@ class StopWatch:
         self._robot.release()
 
     def _check_in(self, seconds: float, run: BehaviorRun) -> None:
-        steady = self._runtime.steady
-        self._timer = steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._check(run)))
+        self._timer = self._runtime.post_in(seconds, lambda: self._check(run))
 
     def _check(self, run: BehaviorRun) -> None:
         if run is not self._run:

@@ -102,10 +102,7 @@ class SynthesisServer:
             self._was_there = True
             self._stop_timer()
         elif self._was_there and self._timer is None:
-            steady = self._runtime.steady
-            self._timer = steady.call_at(
-                steady.now() + GONE_SECONDS, lambda: self._runtime.post(lambda: self._time_is_over(search))
-            )
+            self._timer = self._runtime.post_in(GONE_SECONDS, lambda: self._time_is_over(search))
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -21,7 +22,7 @@ from flexbt_common.runtime import NodeRuntime, participant_of
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.link import MOTION_ACTIONS, MotionStop, motion_stop
-from flexbt_onboard.runs import StopWatch
+from flexbt_onboard.runs import StopWatch, stop_watch
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.nodes.sent_goal import SentGoal
@@ -167,6 +168,29 @@ def test_a_cancel_that_waits_for_its_server_does_not_end_what_begins_then(robot:
         another = runtime.call(lambda: links.link(CancelGoal, 'follow_path/_action/cancel_goal'))
         wait_until(lambda: service_outcome(another, CancelGoal.Request(), 2.0).ok, 'an answer to what is asked later')
         assert FRONT not in robot.asked
+
+
+def test_a_stop_while_the_time_of_the_one_before_runs_out_lasts_as_long(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with NodeRuntime.open('executive') as runtime:
+        stop = runtime.call(
+            lambda: MotionStop(
+                runtime, ServiceLinks(runtime), PoseStamped, MOTION_ACTIONS, names.CMD_VEL, stamped=False
+            )
+        )
+        watch = StopWatch(runtime, stop, 1.0, pytest.fail)
+
+        def stop_twice() -> None:
+            with monkeypatch.context() as brief:
+                brief.setattr(stop_watch, 'HALT_SECONDS', 0.05)
+                watch.halt_robot(is_running=False)
+            time.sleep(0.2)  # its time is over, and what follows from that comes after this
+            watch.halt_robot(is_running=False)
+
+        runtime.call(stop_twice)
+        runtime.call(lambda: None)
+        assert runtime.call(lambda: stop.is_holding)
 
 
 def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.MonkeyPatch) -> None:

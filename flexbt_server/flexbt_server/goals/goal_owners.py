@@ -62,20 +62,14 @@ class GoalOwners:
         self._goals.setdefault(owner, {})[goal] = (stop, hold)
         if not self.sees(owner):
             # It may be younger than our knowledge of it; but a run must not go on for somebody who is not there.
-            steady = self._runtime.steady
-            steady.call_at(
-                steady.now() + OWNER_SECONDS, lambda: self._runtime.post(lambda: self._look_for(owner, goal))
-            )
+            self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
 
     def release(self, owner: str, goal: Hashable) -> None:
         """The goal has ended."""
         goals = self._goals.get(owner)
         if goals is None or goals.pop(goal, None) is None or goals:
             return
-        steady = self._runtime.steady
-        self._idle[owner] = steady.call_at(
-            steady.now() + OWNER_SECONDS, lambda: self._runtime.post(lambda: self._forget(owner))
-        )
+        self._idle[owner] = self._runtime.post_in(OWNER_SECONDS, lambda: self._forget(owner))
         if len(self._idle) > MOST_IDLE:
             self._forget(next(iter(self._idle)))
 

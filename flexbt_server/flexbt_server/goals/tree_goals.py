@@ -119,8 +119,7 @@ class TreeGoals:
         """After ``peer_timeout`` others have taken the process for gone, and given up what it was to do."""
         if seconds >= self._parameters.peer_timeout:
             self._stop_goals(f'{told}: who waited for the tree has given it up')
-        steady = self._runtime.steady
-        steady.call_at(steady.now() + RETURN_SECONDS, lambda: self._runtime.post(self._go_on))
+        self._runtime.post_in(RETURN_SECONDS, self._go_on)
 
     def _go_on(self) -> None:
         self._returned = ''
@@ -355,11 +354,8 @@ class TreeGoals:
     # -- meanwhile ---------------------------------------------------------------------------------------------------
 
     def _schedule_feedback(self, running: RunningTree) -> None:
-        steady = self._runtime.steady
-        running.feedback = steady.call_at(
-            steady.now() + 1.0 / self._parameters.feedback_rate,
-            lambda: self._runtime.post(lambda: self._feedback(running)),
-        )
+        period = 1.0 / self._parameters.feedback_rate
+        running.feedback = self._runtime.post_in(period, lambda: self._feedback(running))
 
     def _feedback(self, running: RunningTree) -> None:
         if running not in self.running:

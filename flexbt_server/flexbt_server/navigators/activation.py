@@ -67,7 +67,7 @@ class Activation:
         if waited >= _TOLD_AFTER and not self._is_told:
             self._is_told = True
             logger.info(f'{names.BT_NAVIGATOR} is not active yet: its default trees need {missing}')
-        self._timer = steady.call_at(steady.now() + _LOOK_SECONDS, lambda: self._runtime.post(self._look))
+        self._timer = self._runtime.post_in(_LOOK_SECONDS, self._look)
 
     def _is_there(self, service: str) -> bool:
         node = self._runtime.node

@@ -160,8 +160,7 @@ class Navigators:
         while self._waiting:
             goal, go_on, deadline = self._waiting[0]
             if goal.served.active and self._has_to_wait(goal, deadline):
-                steady = self._runtime.steady
-                self._look = steady.call_at(steady.now() + LOOK_SECONDS, lambda: self._runtime.post(self._proceed))
+                self._look = self._runtime.post_in(LOOK_SECONDS, self._proceed)
                 return
             self._waiting.popleft()
             if goal.served.active:

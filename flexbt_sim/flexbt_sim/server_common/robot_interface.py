@@ -16,7 +16,6 @@ from flexbt_common import names
 from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received
 from flexbt_common.values import check_limits, seconds_of
-from flexbt_core.clock import Timer
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.intra_process import IntraProcessTopics
@@ -53,27 +52,18 @@ class PoseWatch:
         self._timeout = timeout
         self._silence = silence
         self._on_lost = on_lost
-        self._timer: Timer | None = None
         self._look_after(timeout)
 
     def cancel(self) -> None:
         """No pose is needed any more."""
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = None
+        self._timer.cancel()
 
     def _look_after(self, seconds: float) -> None:
         # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
         # each message of /clock. Under a clock that stands still it comes again and again.
-        steady = self._runtime.steady
-        timer = steady.call_at(
-            steady.now() + max(seconds, CHECK_SECONDS), lambda: self._runtime.post(lambda: self._look(timer))
-        )
-        self._timer = timer
+        self._timer = self._runtime.post_in(max(seconds, CHECK_SECONDS), self._look)
 
-    def _look(self, timer: Timer) -> None:
-        if self._timer is not timer:
-            return
+    def _look(self) -> None:
         silence = self._silence()
         if silence < self._timeout:
             self._look_after(self._timeout - silence)
@@ -125,9 +115,8 @@ class RobotInterface:
             return
         self._waiting.append(go_on)
         goal.on_cancel(lambda: self._waited_enough(go_on))
-        steady = self._runtime.steady
         seconds = max(self._parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
-        steady.call_at(steady.now() + seconds, lambda: self._runtime.post(lambda: self._waited_enough(go_on)))
+        self._runtime.post_in(seconds, lambda: self._waited_enough(go_on))
 
     def with_poses(
         self,

@@ -126,10 +126,7 @@ class ScriptedActionServer:
             return self.on_cancel(handle)
         if handle in self._handles:
             number = self._handles.index(handle)
-            steady = self.runtime.steady
-            steady.call_at(
-                steady.now() + self.delay_cancel, lambda: self.runtime.post(lambda: self._end(number, 'canceled'))
-            )
+            self.runtime.post_in(self.delay_cancel, lambda: self._end(number, 'canceled'))
         return CancelResponse.ACCEPT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
