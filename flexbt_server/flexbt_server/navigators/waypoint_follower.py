@@ -163,9 +163,7 @@ class _Tour:
             self._reached = True
             clock = self._settings.runtime.clock
             if self._settings.pause:
-                self._pause = clock.call_at(
-                    clock.now() + self._settings.pause, lambda: self._settings.runtime.post(self._go_on)
-                )
+                self._pause = clock.call_at(clock.now() + self._settings.pause, self._go_on)
             else:
                 self._go_on()
         else:
@@ -184,8 +182,6 @@ class _Tour:
 
     def _go_on(self) -> None:
         """To the next waypoint, if there is one."""
-        if not self.served.active:
-            return
         self._index += 1
         if self._index == len(self.served.request.poses) and self._loops:
             if not self._reached:
