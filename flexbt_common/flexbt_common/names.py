@@ -33,6 +33,7 @@ WAYPOINT_FOLLOWER: Final = 'waypoint_follower'
 NAVIGATE_TO_POSE: Final = 'navigate_to_pose'
 NAVIGATE_THROUGH_POSES: Final = 'navigate_through_poses'
 FOLLOW_WAYPOINTS: Final = 'follow_waypoints'
+INPUT_DEPTH: Final = 10  # of the input at waypoints
 GOAL_POSE: Final = 'goal_pose'
 BEHAVIOR_TREE_LOG: Final = 'behavior_tree_log'
 

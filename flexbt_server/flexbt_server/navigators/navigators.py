@@ -36,6 +36,7 @@ from .activation import Activation
 from .navigator import ACTIONS, Navigator, NavigatorGoal
 from .parameters import NavigatorParameters
 from .waypoint_follower import WaypointFollower
+from .waypoint_tasks import InputAtWaypoint, WaitAtWaypoint, WaypointTask
 
 Code = BtExecute.Result
 
@@ -81,7 +82,7 @@ class Navigators:
                 runtime,
                 services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
                 stop_on_failure=parameters.stop_on_failure,
-                pause=parameters.waypoint_pause,
+                task=_waypoint_task(runtime, parameters),
                 server_timeout=self._server_timeout,
                 cancel_timeout=services.cancel_timeout,
                 refusal=refusal,
@@ -223,3 +224,9 @@ class Navigators:
     def _goal_pose_ended(self, outcome: GoalOutcome) -> None:
         if outcome.status is not GoalStatus.SUCCEEDED:
             self._runtime.node.get_logger().warning(f'{names.GOAL_POSE}: {outcome.reason}')
+
+
+def _waypoint_task(runtime: NodeRuntime, parameters: NavigatorParameters) -> WaypointTask:
+    if parameters.waypoint_input is not None:
+        return InputAtWaypoint(runtime, parameters.waypoint_input)
+    return WaitAtWaypoint(runtime, parameters.waypoint_pause)

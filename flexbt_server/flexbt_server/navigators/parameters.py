@@ -21,6 +21,19 @@ DEFAULT_TREES: Final = {
 }
 """The parameter of the default tree of each navigator that runs trees."""
 
+WAIT: Final = 'wait_at_waypoint'
+INPUT: Final = 'input_at_waypoint'
+TASKS: Final = (WAIT, INPUT)
+"""What can be done at waypoints."""
+
+
+@dataclass(frozen=True)
+class InputParameters:
+    """Of the task executor input_at_waypoint: ``timeout`` in s of the clock of the node."""
+
+    topic: str
+    timeout: float
+
 
 @dataclass(frozen=True)
 class NavigatorParameters:
@@ -36,6 +49,7 @@ class NavigatorParameters:
     statuses_key: str
     stop_on_failure: bool
     waypoint_pause: float
+    waypoint_input: InputParameters | None
 
     @property
     def trusted(self) -> tuple[Path, ...]:
@@ -82,9 +96,24 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
             raise ServerParameterError(
                 f"parameter 'bt_search_directories': {directory} is not the absolute path of a directory"
             )
-    enabled = declare.flag('wait_at_waypoint.enabled', True, 'whether follow_waypoints pauses at each waypoint')
+    task = declare.text(
+        'waypoint_task_executor_plugin', WAIT, f'what follow_waypoints does at each waypoint: {", ".join(TASKS)}'
+    )
+    if task not in TASKS:
+        raise ServerParameterError(
+            f"parameter 'waypoint_task_executor_plugin': {task!r} is not one of {', '.join(TASKS)}; a robot that does "
+            'something else at waypoints has a behavior or a tree that does it'
+        )
+    pauses = declare.flag(f'{WAIT}.enabled', True, 'whether it pauses there')
     pause = declare.integer(
-        'wait_at_waypoint.waypoint_pause_duration', 0, 0, 86_400_000, 'how long it pauses, ms of the clock of the node'
+        f'{WAIT}.waypoint_pause_duration', 0, 0, 86_400_000, 'how long it pauses, ms of the clock of the node'
+    )
+    asks = declare.flag(f'{INPUT}.enabled', True, 'whether it waits there for a message')
+    asked = InputParameters(
+        declare.text(f'{INPUT}.input_topic', f'{INPUT}/input', 'topic of the message, std_msgs/Empty'),
+        declare.real(
+            f'{INPUT}.timeout', 10.0, 0.01, 86_400.0, 'how long it waits for it at most, s of the clock of the node'
+        ),
     )
     return NavigatorParameters(
         navigators=served,
@@ -106,5 +135,6 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         stop_on_failure=declare.flag(
             'stop_on_failure', True, 'whether follow_waypoints ends when a waypoint cannot be reached'
         ),
-        waypoint_pause=pause * 1e-3 if enabled else 0.0,
+        waypoint_pause=pause * 1e-3 if pauses and task == WAIT else 0.0,
+        waypoint_input=asked if asks and task == INPUT else None,
     )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The action ``follow_waypoints``: poses one after the other, each a goal of ``navigate_to_pose``.
 
-A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may pause
-(Nav2's waypoint task executor ``wait_at_waypoint``).
+A newer goal takes over: the robot drives on to its first waypoint without a stop. At each waypoint the robot may do
+something (Nav2's waypoint task executors, :mod:`.waypoint_tasks`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from flexbt_common.calls import (
     ServedGoal,
 )
 from flexbt_common.runtime import NodeRuntime
-from flexbt_core.clock import Timer
 from flexbt_server.nav2 import missed
+
+from .waypoint_tasks import WaypointTask
 
 Result = FollowWaypoints.Result
 
@@ -40,7 +41,7 @@ class _Settings:
     runtime: NodeRuntime
     link: ActionServerLink
     stop_on_failure: bool
-    pause: float
+    task: WaypointTask
     server_timeout: Callable[[], float]
     cancel_timeout: float
 
@@ -54,15 +55,13 @@ class WaypointFollower:
         link: ActionServerLink,
         *,
         stop_on_failure: bool,
-        pause: float,
+        task: WaypointTask,
         server_timeout: Callable[[], float],
         cancel_timeout: float,
         refusal: str,
     ) -> None:
-        """``link`` leads to ``navigate_to_pose``; ``pause`` is that at each waypoint, s of the clock of the node. The
-        timeouts are in s of wall time.
-        """
-        self._settings = _Settings(runtime, link, stop_on_failure, pause, server_timeout, cancel_timeout)
+        """``link`` leads to ``navigate_to_pose``; ``task`` is done at each waypoint. Timeouts are in s of wall time."""
+        self._settings = _Settings(runtime, link, stop_on_failure, task, server_timeout, cancel_timeout)
         self._tour: _Tour | None = None
         self._admission = GoalAdmission(names.WAYPOINT_FOLLOWER, refusal)
         GoalServer(
@@ -109,7 +108,6 @@ class _Tour:
         self._missed: deque[Any] = deque(maxlen=MOST_MISSED)
         self._reached = False
         self._call: ActionCall | None = None
-        self._pause: Timer | None = None
         self._is_canceled = False
 
     def begin(self, driven: ActionCall | None) -> None:
@@ -161,22 +159,23 @@ class _Tour:
             self._end(self.served.canceled)
         elif outcome.status is GoalStatus.SUCCEEDED:
             self._reached = True
-            clock = self._settings.runtime.clock
-            if self._settings.pause:
-                self._pause = clock.call_at(clock.now() + self._settings.pause, self._go_on)
-            else:
-                self._go_on()
+            self._settings.task.begin(self._task_ended)
         else:
-            self._miss(outcome)
+            code = getattr(outcome.result, 'error_code', 0) or Result.UNKNOWN
+            self._miss('was not reached', outcome.reason, code, 'STOP_ON_MISSED_WAYPOINT')
 
-    def _miss(self, outcome: GoalOutcome) -> None:
-        code = getattr(outcome.result, 'error_code', 0) or Result.UNKNOWN
-        pose = self.served.request.poses[self._index]
-        self._missed.append(missed(self._index, pose, code, outcome.reason))
-        told = f'waypoint {self._index} was not reached: {outcome.reason}'
+    def _task_ended(self, why: str) -> None:
+        if why:
+            self._miss('was reached and its task failed', why, Result.TASK_EXECUTOR_FAILED, 'TASK_EXECUTOR_FAILED')
+        else:
+            self._go_on()
+
+    def _miss(self, how: str, why: str, code: int, end_code: str) -> None:
+        self._missed.append(missed(self._index, self.served.request.poses[self._index], code, why))
+        told = f'waypoint {self._index} {how}: {why}'
         self._settings.runtime.node.get_logger().warning(told)
         if self._settings.stop_on_failure:
-            self._end(self.served.abort, told, 'STOP_ON_MISSED_WAYPOINT')
+            self._end(self.served.abort, told, end_code)
         else:
             self._go_on()
 
@@ -196,8 +195,7 @@ class _Tour:
             self._end(self.served.succeed)
 
     def _end(self, how: Callable[[Any], None], why: str = '', code: str = 'UNKNOWN') -> None:
-        if self._pause is not None:
-            self._pause.cancel()
+        self._settings.task.cancel()
         how(_result(why, code, self._missed))
         self._on_end(self)
 

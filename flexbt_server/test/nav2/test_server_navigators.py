@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose, SmoothPath
 from nav2_msgs.msg import BehaviorTreeLog
 from rclpy.duration import Duration
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
@@ -653,6 +653,41 @@ def test_newer_waypoints_take_over_and_a_cancel_stops_the_robot(driving: Front) 
     second.call.cancel(DEADLINE)
     assert second.wait().status is GoalStatus.CANCELED
     assert driving.follow.statuses[len(driving.follow.goals) - 1] == 'canceled'
+
+
+@pytest.mark.parametrize('stops', [True, False])
+def test_the_robot_waits_for_input_at_waypoints(stops: bool) -> None:
+    task = {'waypoint_task_executor_plugin': 'input_at_waypoint', 'stop_on_failure': stops}
+    with open_front(**task, **{'input_at_waypoint.timeout': 600.0}) as front:
+        goal = front.waypoints(1.0, 2.0, 3.0)
+        runtime = front.world.client.runtime
+        button = runtime.call(lambda: runtime.node.create_publisher(Empty, 'input_at_waypoint/input', 10))
+        wait_until(button.get_subscription_count, 'who waits for input')
+        wait_until(lambda: front.follow.statuses.get(0) == 'succeed')
+        assert front.driven_to() == [1.0]
+        wait_until(lambda: (button.publish(Empty()), goal.ended)[1], 'the end')
+        ended(goal)
+        assert front.driven_to() == [1.0, 2.0, 3.0]
+        other = front.waypoints(4.0)
+        wait_until(lambda: front.follow.statuses.get(3) == 'succeed')
+        other.call.cancel(DEADLINE)
+        assert other.wait().status is GoalStatus.CANCELED
+    with open_front(**task, **{'input_at_waypoint.timeout': 0.05}) as front:
+        goal = front.waypoints(1.0, 2.0)
+        failed = FollowWaypoints.Result.TASK_EXECUTOR_FAILED
+        result = ended(goal, GoalStatus.ABORTED, 'nothing has come on', code=failed) if stops else ended(goal)
+        assert [(one.index, one.error_code) for one in result.missed_waypoints] == [(0, failed), (1, failed)][
+            : 2 - stops
+        ]
+    with open_front(**task, **{'input_at_waypoint.enabled': False}) as front:
+        ended(front.waypoints(1.0, 2.0))
+
+
+def test_what_a_robot_cannot_do_at_waypoints_is_told_at_the_start() -> None:
+    with pytest.raises(
+        ServerParameterError, match="'photo_at_waypoint' is not one of wait_at_waypoint, input_at_waypoint"
+    ):
+        open_front(waypoint_task_executor_plugin='photo_at_waypoint').__enter__()
 
 
 def test_the_robot_pauses_at_waypoints() -> None:
