@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Generic, TypeVar
 
 from .descriptions import DoorModel, ObstacleModel, RouteModel, StationModel, WalkModel, ZoneModel
@@ -113,13 +113,19 @@ class Door(Body):
         self.radius = math.hypot(model.length + EDGE, model.thickness / 2.0)
         self.top_speed = model.length / model.opening_time
         self.is_jammed = False
+        self._start_model = model
         self.reset()
 
     def reset(self) -> None:
         """As it was at the start."""
+        self.pose, self.model = self.start, self._start_model
         self.wants_open = self.model.open
         self._nobody_since = -math.inf
         self._set(float(self.model.open))
+
+    def place(self, pose: Pose) -> None:
+        """Put it somewhere, as open as it is: as :meth:`DoorModel.at`."""
+        self.pose, self.model = pose, self.model.at(pose)
 
     def command(self, open_it: bool) -> None:
         """Tell it to open or to close. An automatic one closes again by itself."""
@@ -170,6 +176,10 @@ class Marking(Generic[M]):
     def reset(self) -> None:
         """As it was at the start."""
         self.model = self._start
+
+    def place(self, pose: Pose) -> None:
+        """Put it somewhere."""
+        self.model = replace(self.model, pose=pose)
 
     @property
     def pose(self) -> Pose:

@@ -196,8 +196,8 @@ class World:
     # -- changes -----------------------------------------------------------------------------------------------------
 
     def add(self, name: str, model: EntityModel, pose: Pose | None = None) -> Any:
-        """Add an entity; ``pose`` is that of a robot, or in place of that of the model (a door has none). Returns the
-        entity.
+        """Add an entity; ``pose`` is that of a robot, or in place of that of the model, of a door as
+        :meth:`DoorModel.at`. Returns the entity.
 
         Raises:
             SimulationError: the name is taken or cannot be one, the pose is missing, there is no room, or a station or
@@ -227,9 +227,7 @@ class World:
             check_pose(pose)
             return Robot(name, model, pose, self.seed)
         if isinstance(model, DoorModel):
-            if pose is not None:
-                raise SimulationError(f"door '{name}': it is where its ends are; leave the pose out")
-            return Door(name, model)
+            return Door(name, model if pose is None else model.at(pose))
         if pose is not None:
             model = dataclasses.replace(model, pose=pose)
         if isinstance(model, ObstacleModel):
@@ -276,25 +274,23 @@ class World:
             self._charge()
 
     def move(self, name: str, pose: Pose) -> None:
-        """Put a robot, an obstacle, a station or a zone somewhere, at rest; what a robot holds is taken from it.
+        """Put an entity somewhere, at rest; what a robot holds is taken from it.
 
         Raises:
-            SimulationError: there is none of this name, there is no room, it is a door, or a station or a zone would be
-                beside the map.
+            SimulationError: there is none of this name, there is no room, or a station or a zone would be beside the
+                map.
         """
         entity = self._entity(name)
-        if isinstance(entity, Door):
-            raise SimulationError(f"'{name}' is a door, which stays where it is")
         check_pose(pose)
-        if isinstance(entity, Robot | Obstacle):
+        if isinstance(entity, Body):
             self._check(entity, pose)
             for robot in [robot for robot, one in self._held.items() if one is entity]:
                 self._let_go(robot)
             entity.place(pose)
             self._space.changed(entity)
-        elif isinstance(entity, Station | Zone):
+        else:
             self._space.check_on_map(pose, entity.shape)
-            entity.model = dataclasses.replace(entity.model, pose=pose)
+            entity.place(pose)
 
     def check_place(self, name: str, pose: Pose) -> None:
         """Whether a robot or an obstacle fits at a pose.

@@ -427,6 +427,24 @@ def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
 DOOR = DoorModel(from_=(0.0, 0.0), to=(1.0, 0.0), opening_time=2.0)
 
 
+def test_a_door_is_moved_and_works_where_it_is() -> None:
+    world = World()
+    door = world.add('gate', replace(DOOR, from_=(0.0, 0.0), to=(1.0, 0.0), automatic=True))
+    start = world.snapshot().entities
+    world.add('alpha', MODELS['burger'], Pose(5.5, 4.2, 1.57))
+    world.step(1.0)
+    assert door.opening == 0.0
+    world.move('gate', Pose(5.0, 5.0, 0.0))
+    assert (door.model.from_, door.model.to) == ((5.0, 5.0), (6.0, 5.0))
+    world.step(5.0)
+    assert door.opening == 1.0  # somebody is near it
+    world.remove('alpha')
+    world.reset()
+    assert world.snapshot().entities == start
+    other = world.add('flap', DOOR, Pose(1.0, 2.0, math.pi / 2.0))
+    assert other.model.to == pytest.approx((1.0, 2.0 + DOOR.length))
+
+
 def test_a_door_opens_and_closes_by_command_and_not_on_a_robot() -> None:
     world = World()
     door = world.add('gate', DOOR)
@@ -570,10 +588,9 @@ def test_what_cannot_be_is_refused_and_changes_nothing() -> None:
         (lambda: world.add('beta', MODELS['burger'], Pose(0.1, 1.0, 0.0)), 'from an obstacle'),
         (lambda: world.add('beta', MODELS['burger'], Pose(math.nan, 1.0, 0.0)), 'is no pose'),
         (lambda: world.add('beta', MODELS['burger']), 'its pose is missing'),
-        (lambda: world.add('flap', DOOR, Pose(1.0, 1.0, 0.0)), 'it is where its ends are; leave the pose out'),
         (lambda: world.add('box', ObstacleModel(pose=Pose(1.2, 1.0, 0.0))), "would overlap 'alpha'"),
         (lambda: world.move('nobody', Pose(1.0, 1.0, 0.0)), "there is no 'nobody'"),
-        (lambda: world.move('gate', Pose(1.0, 1.0, 0.0)), 'stays where it is'),
+        (lambda: world.move('gate', Pose(0.8, 1.0, 0.0)), "would overlap 'alpha'"),
         (lambda: world.move('alpha', Pose(0.0, 1.0, 0.0)), 'from an obstacle'),
         (lambda: world.remove('nobody'), "there is no 'nobody'"),
         (lambda: world.step(-1.0), 'cannot pass'),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
 from flexbt_sim.world.plane import Circle, Point, Polygon, Pose, Shape
@@ -222,6 +222,11 @@ class DoorModel(Specification):
     def length(self) -> float:
         """From one end to the other, m."""
         return math.dist(self.from_, self.to)
+
+    def at(self, pose: Pose) -> DoorModel:
+        """The same elsewhere: the end that it slides away from is at the pose, the other one in its direction."""
+        x, y, yaw = pose
+        return replace(self, from_=(x, y), to=(x + self.length * math.cos(yaw), y + self.length * math.sin(yaw)))
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,10 @@ class Body:
     def reset(self) -> None:
         """As it was at the start."""
 
+    def place(self, pose: Pose) -> None:
+        """Put it somewhere, at rest."""
+        self.pose = pose
+
     def tick(self, surroundings: Surroundings, duration: float) -> None:
         """Move for a short time, s. Most things do not."""
 
