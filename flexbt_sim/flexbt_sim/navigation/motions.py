@@ -187,10 +187,12 @@ class KeepingApart:
     def leaves(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> bool:
         """Whether somebody is within ``PERSONAL_SPACE``, and the robot comes no nearer to them."""
         swing = abs(velocity.angular) * costmap.inflation.outer_radius if costmap.inflation.corners else 0.0
-        if self._here >= PERSONAL_SPACE or (self._here < SIDE_GAP and swing > SLOWEST):
-            return False  # who is as near as that is touched by a corner before the next scan
+        if self._here >= PERSONAL_SPACE:
+            return False
+        if swing > SLOWEST and self._here < SIDE_GAP + SIDE_TIME * (swing + self._closing):
+            return False  # a corner would touch them before the next scan
         return all(
-            costmap.gap_seen(drive(pose, *velocity, time), self._reach) >= self._here + AWAY * swing * time - SAME_GAP
+            costmap.gap_seen(drive(pose, *velocity, time), self._reach) >= self._here - SAME_GAP
             for time in (SIDE_TIME / 2.0, SIDE_TIME)
         )
 

@@ -314,7 +314,7 @@ def test_a_box_leaves_who_touches_it_without_a_turn() -> None:
     """One who walks after it is touched by a corner that swings, though the box as a whole gets away."""
     here, inflation = Pose(3.0, 3.0, 0.0), Inflation.of(box(0.4, 0.4))
     apart = KeepingApart(0.26)
-    for ahead in (0.525, 0.225):
+    for ahead in (0.525, 0.275):
         apart.look(costmap := seen_from(here, inflation, ahead, 0.175), here, ahead)
     assert apart.leaves(costmap, here, Velocity(-0.2, 0.0))
     assert not apart.leaves(costmap, here, Velocity(-0.2, 0.2))
