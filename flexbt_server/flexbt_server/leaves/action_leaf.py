@@ -141,6 +141,12 @@ def error_code_of(result_type: Any, outcome: GoalOutcome) -> int:
     return int(getattr(result_type, _CODES.get(outcome.status, ''), getattr(result_type, 'UNKNOWN', 0)))
 
 
+def error_name_of(result: Any) -> str:
+    """The constant that the error code of a result is; '' for none. Nav2's servers often tell no more."""
+    code = getattr(result, 'error_code', 0)
+    return next((name for name in dir(result) if code and name.isupper() and getattr(result, name) == code), '')
+
+
 class ActionLeaf(StatefulAction):
     """Base of leaves that send a goal. A subclass says which action, and how ports and goal correspond.
 
@@ -347,7 +353,7 @@ class ActionLeaf(StatefulAction):
         self._cancel_all()
         code = error_code_of(self.action_type.Result, outcome)
         told = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
-        reason = told or outcome.reason
+        reason = told or ': '.join(filter(None, (outcome.reason, error_name_of(outcome.result))))
         if outcome.status is GoalStatus.CANCELED:
             reason = 'the goal was canceled by somebody else'
         status = self.on_failure(outcome)

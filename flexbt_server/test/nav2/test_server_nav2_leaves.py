@@ -157,6 +157,7 @@ def test_compute_route_by_ids_and_by_poses(world: World) -> None:
     ports += ' error_code_id="{compute_route_error_code}"'
     result = run(world, f'<ComputeRoute start_id="3" goal_id="4" {ports}/>', Result.FAILURE)
     assert result.error_code == 405
+    assert 'aborted the goal: NO_VALID_ROUTE (error code 405)' in result.message
     assert entry(world, 'route') == Route()
 
 
