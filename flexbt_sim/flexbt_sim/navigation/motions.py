@@ -35,6 +35,11 @@ near for each metre that its corners swing, when it is no circle and turns."""
 SAME_GAP: Final = 1e-6
 """Gaps, m, that differ by no more are the same: headings and distances are rounded."""
 
+JUMP: Final = 0.1
+"""How much farther, m, than it drives the robot comes from one step to the next if it has been localized anew: what was
+seen before says nothing then.
+"""
+
 FASTEST: Final = 1.0
 """Speed, m/s, at which something may come nearer at most: what is faster is no body that goes about."""
 
@@ -156,6 +161,7 @@ class KeepingApart:
     """
 
     def __init__(self, top_speed: float) -> None:
+        self._top_speed = top_speed
         self._reach = SIDE_GAP + SIDE_TIME * (top_speed + FASTEST)
         self._sights: deque[Sight] = deque()
         self._here = math.inf
@@ -167,6 +173,8 @@ class KeepingApart:
         sights, reach = self._sights, self._reach
         while sights and now - sights[0].time > SIDE_TIME + 1e-6:
             sights.popleft()
+        if sights and pose.distance(sights[-1].pose) > JUMP + self._top_speed * (now - sights[-1].time):
+            sights.clear()
         self._here = costmap.gap_seen(pose, reach)
         sights.append(Sight(now, pose, self._here))
         # How the gap to where the robot was a moment ago has changed: by a motion that is not the robot's.

@@ -324,6 +324,17 @@ def test_a_box_leaves_who_touches_it_without_a_turn() -> None:
     assert apart.limited(costmap, here, Velocity(0.0, -1.0)) is None
 
 
+def test_a_robot_that_is_localized_anew_has_seen_nobody_move() -> None:
+    """What it saw was beside where it thought to be."""
+    here, inflation = Pose(3.0, 3.0, 0.0), Inflation.of(box(0.4, 0.4))
+    apart, costmap = KeepingApart(0.26), seen_from(here, inflation, 0.525, 0.0)
+    apart.look(seen_from(here, inflation, 0.325, 0.0), Pose(2.0, 3.0, 0.0), 0.0)
+    apart.look(costmap, here, 0.2)
+    assert not apart.has_company(0.2)
+    apart.look(seen_from(here, inflation, 0.375, 0.0), here, 0.4)
+    assert apart.has_company(0.4)
+
+
 @pytest.mark.parametrize(
     ('bearing', 'aim', 'speed', 'begin'),
     [
