@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import product
 from typing import Any, Final
 
 import numpy
@@ -58,7 +57,8 @@ class HybridPlanner(OutlinePlanner):
     :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. It is searched for
     from either end by turns, since one may be hard to get away from, and from there little is left to look at. A robot
     that stands the other way round drives from the goal to the start where this one drives from the start to the goal.
-    Where that leads nowhere the way is made of shorter pieces, before it is said that there is none.
+    Where that leads nowhere the way is made of shorter pieces, before it is said that there is none. Where it takes
+    long either end may be hard to get to: then ways from both to a place with room between them are tried.
 
     Of a path ``before``, of this planner and to the same goal, the rest is the plan as long as it is free and the robot
     nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same one
@@ -90,7 +90,7 @@ class HybridPlanner(OutlinePlanner):
         for path in before:
             if rest := self._rest(path, start, goal):
                 return list(rest)
-        reverses, radius = self._steering.reverses, self._steering.turning_radius * STEERING_RESERVE / cell
+        radius = self._steering.turning_radius * STEERING_RESERVE / cell
         begin, end = ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
         slack = SLACK if all(outline_loops().room(*self.shape, SLACK, *one) >= 0.0 for one in ends) else TIGHT
@@ -102,23 +102,75 @@ class HybridPlanner(OutlinePlanner):
                 return *self.shape, *rules, *self._ahead(target, radius), begin, end
             return *self.shape_turned, *rules, *self._ahead(source, radius), turned_round(end), turned_round(begin)
 
-        search = outline_loops().hybrid_search
+        def halves() -> Iterator[tuple[Any, ...]]:
+            """The ways to a place in the midst, from the start and from the goal."""
+            *_, following, _, block, _, _ = problem(False)
+            if gate := self._gate(following, block, source, radius):
+                ahead = self._ahead((int(gate[1]), int(gate[0])), radius)
+                yield *self.shape, *rules, *ahead, begin, gate
+                yield *self.shape_turned, *rules, *ahead, turned_round(end), turned_round(gate)
+
+        is_interpreted = outline_loops().hybrid_search is hybrid_search
         lengths = sorted({max(SHORTEST, PIECE * radius / share) for share in (1.0, 2.0)})
         untried, looked = {turned: lengths.copy() for turned in (False, True)}, 0
-        for most, turned in product(MOST_INTERPRETED if search is hybrid_search else MOST_STATES, untried):
-            while untried[turned]:
-                pieces, states = search(*problem(turned), radius, untried[turned][-1], reverses, most, stop.cell)
-                stop.check()
-                if len(pieces):
-                    pieces = pieces[::-1] * (-1.0, 1.0) if turned else pieces
-                    return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
+        for number, most in enumerate(MOST_INTERPRETED if is_interpreted else MOST_STATES):
+            parts: list[NDArray[numpy.float64]] = []
+            for half in halves() if number == 1 else ():
+                pieces, states = self._searched(half, radius, lengths.copy(), most, stop)
                 looked += states
-                if states == most:
+                if not len(pieces):
                     break
-                untried[turned].pop()
-            else:
-                raise self._no_way('NO_VALID_PATH', goal, looked)
+                parts.append(_driven_back(pieces) if parts else pieces)
+            if len(parts) == 2:
+                return _sampled(start, numpy.concatenate(parts) * (1.0, cell), radius * cell, goal)
+            for turned, left in untried.items():
+                pieces, states = self._searched(problem(turned), radius, left, most, stop)
+                looked += states
+                if len(pieces):
+                    pieces = _driven_back(pieces) if turned else pieces
+                    return _sampled(start, pieces * (1.0, cell), radius * cell, goal)
+                if not left:
+                    raise self._no_way('NO_VALID_PATH', goal, looked)
         raise self._no_way('TIMEOUT', goal, looked)
+
+    def _searched(
+        self, problem: tuple[Any, ...], radius: float, lengths: list[float], most: int, stop: StopFlag
+    ) -> tuple[NDArray[numpy.float64], int]:
+        """The pieces of a way, empty when none was found, and how many states were looked at, at most so many with
+        pieces of each length. The lengths with which there is no way are taken away; the last one is tried first.
+        """
+        looked, pieces = 0, numpy.empty((0, 2))
+        while lengths:
+            pieces, states = outline_loops().hybrid_search(
+                *problem, radius, lengths[-1], self._steering.reverses, most, stop.cell
+            )
+            stop.check()
+            looked += states
+            if len(pieces) or states == most:
+                break
+            lengths.pop()
+        return pieces, looked
+
+    def _gate(
+        self, following: NDArray[numpy.int32], block: int, source: Cell, radius: float
+    ) -> tuple[float, float, float] | None:
+        """Where there is most room on a way over blocks, but for its ends, with the heading that the way has there."""
+        height, width = self._costmap.costs.shape
+        across = (width + block - 1) // block
+        way = [source[0] // block * across + source[1] // block]
+        while following[way[-1]] != way[-1]:
+            way.append(int(following[way[-1]]))
+        near = math.ceil(radius / block / 2.0)
+        rows, columns = ((numpy.divmod(way, across)[axis] + 0.5) * block for axis in (0, 1))
+        cells = numpy.minimum(rows, height - 1).astype(int), numpy.minimum(columns, width - 1).astype(int)
+        room = self._costmap.squares[cells][near:-near]
+        if not room.size:
+            return None
+        middle = near + int(room.argmax())
+        before, after = middle - near, middle + near
+        course = math.atan2(rows[after] - rows[before], columns[after] - columns[before])
+        gate = float(cells[1][middle]) + 0.5, float(cells[0][middle]) + 0.5, course
+        return gate if outline_loops().room(*self.shape, SLACK, *gate) >= 0.0 else None
 
     def _no_way(self, code: str, goal: Pose, looked: int) -> NavigationError:
         return NavigationError(
@@ -148,6 +200,11 @@ class HybridPlanner(OutlinePlanner):
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
         blocks = numpy.asarray(free.reshape(free.shape[0] // block, block, -1, block).any(axis=(1, 3)))
         return *outline_loops().ways(blocks, target[0] // block, target[1] // block, NEAR * radius / block), block
+
+
+def _driven_back(pieces: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
+    """The pieces of a way of a robot that stands the other way round, from its end to its beginning."""
+    return pieces[::-1] * (-1.0, 1.0)
 
 
 def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: Pose) -> list[Pose]:

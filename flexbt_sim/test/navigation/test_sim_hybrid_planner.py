@@ -175,6 +175,14 @@ def test_a_goal_that_is_hard_to_get_to_is_searched_for_from_there(states: list[i
     assert sum(states) < 12_000
 
 
+def test_ends_that_are_both_hard_to_get_to_are_joined_where_there_is_room(states: list[int]) -> None:
+    """From either end alone it is 212,000 states, and no way is found."""
+    costmap = yard(((0, 20, 24, 1), (10, 24, 1, 16), (5, 21, 1, 12), (10, 0, 1, 16), (5, 8, 1, 12)))
+    start, goal = Pose(-9.0, -7.0, 0.0), Pose(9.0, -7.0, 0.0)
+    check(costmap, HybridPlanner(costmap, Steering(RADIUS)).plan(start, goal), start, goal)
+    assert sum(states) < 20_000
+
+
 def test_a_car_gets_out_of_a_space_between_two_others_and_into_it() -> None:
     """No piece of the usual length can be driven there."""
     costmap = yard(((0, 0, 14, 40), (21, 0, 9, 40), (14, 10, 2.4, 6), (14, 22.2, 2.4, 6)))
