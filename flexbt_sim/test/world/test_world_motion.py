@@ -410,6 +410,15 @@ def test_boxes_that_overlap_say_how_far_one_has_to_go(
     assert not parts(overlap - 1e-6)
 
 
+def test_who_walks_about_gets_out_of_a_wall_on_the_side_that_it_stands_on() -> None:
+    """Its overlap is known by cells, so that a short step in the right direction may leave it as it is."""
+    world = World(drawn(*['#' * 100] * 5, *['.' * 100] * 40, *['#' * 100] * 5, *['.' * 100] * 50, resolution=0.1))
+    walker = ObstacleModel(Pose(5.0, 4.9, -0.3), box(0.95, 0.45), random_walk=WalkModel(speed=0.4, period=2.0))
+    obstacle = world.add('walker', walker)
+    world.step(60.0)
+    assert obstacle.pose.y < 4.7
+
+
 def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
     world = World()
     robot = world.add('alpha', RobotModel(lidar=None), Pose(1.0, 0.0, 0.0))

@@ -180,7 +180,7 @@ class Space:
     def advance(self, body: Body, at: At, reach: float, duration: float) -> float:
         """Move a body along ``at``, on which no point of it is faster than ``reach``, m/s; the time, s, it moved for.
 
-        Where it overlaps something already, it may move so that it does less.
+        Where it overlaps something already, it may move so that it does not more.
         """
         if reach == 0.0 or self.time + duration <= body.clear_until:
             body.pose = at(duration)
@@ -195,7 +195,7 @@ class Space:
             step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
             ahead = at(gone + step)
             after = self.gap(body, ahead)
-            if after < -_ROUNDING and after <= room:
+            if after < min(-_ROUNDING, room):
                 return gone
             body.pose = ahead
             room, gone = after, gone + step
