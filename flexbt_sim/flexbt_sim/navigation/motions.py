@@ -199,10 +199,14 @@ class KeepingApart:
             return False
         if swing > SLOWEST and self._here < SIDE_GAP + SIDE_TIME * (swing + self._closing):
             return False  # a corner would touch them before the next scan
-        return all(
-            costmap.gap_seen(drive(pose, *velocity, time), self._reach) >= self._here - SAME_GAP
-            for time in (SIDE_TIME / 2.0, SIDE_TIME)
-        )
+        # Between two of them it would get away from one only to touch the other.
+        escape = AWAY * abs(velocity.linear) if self._here < 0.0 else 0.0
+        return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
+
+    def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:
+        """Whether the gap is so much greater, for each second, at these times."""
+        gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
+        return all(gap >= self._here + speed * time - SAME_GAP for gap, time in zip(gaps, times, strict=True))
 
     def limited(self, costmap: Costmap, pose: Pose, velocity: Velocity) -> Velocity | None:
         """Slower on the same arc where the robot comes nearer to something that may move; None when it is so near that
@@ -222,8 +226,7 @@ class KeepingApart:
         escape = max(closing, AWAY * (speed if here < 0.0 else swing))
         # Who runs away has to do so for longer: after a corner that swings away there comes another one.
         times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)
-        gaps = (costmap.gap_seen(drive(pose, *velocity, time), self._reach) for time in times)
-        if all(gap >= here + escape * time - SAME_GAP for gap, time in zip(gaps, times, strict=True)):
+        if self._grows(costmap, pose, velocity, escape, times):
             return velocity
         allowed = (here - SIDE_GAP) / SIDE_TIME - closing
         if allowed >= min(SLOWEST, speed):
