@@ -14,7 +14,7 @@ from ament_index_python.packages import get_package_prefix
 
 from flexbt_sim import executables
 from flexbt_testing.system.python_process import PythonProcess, python_process
-from flexbt_testing.waiting import DEADLINE, uncontended_time
+from flexbt_testing.waiting import DEADLINE, contended_time, uncontended_time
 
 
 def start(executable: str, *settings: str) -> subprocess.Popen[str]:
@@ -95,9 +95,11 @@ def test_a_signal_ends_everything_in_time(number: signal.Signals) -> None:
             assert running[-1].stderr is not None
             assert running[-1].stderr.readline()  # it has said that it runs
         for process in reversed(running):
-            began = uncontended_time()
+            began, waited = uncontended_time(), contended_time()
             process.send_signal(number)
             _, err = process.communicate(timeout=DEADLINE)
             assert uncontended_time() - began < 2.0
-            assert process.returncode == 0, (process.returncode, err)
+            # It leaves without an end in time: where that is for want of a processor it is right to.
+            is_late = 'did not come to an end' in err and contended_time() - waited > 1.0
+            assert process.returncode == is_late, (process.returncode, err)
             assert 'Traceback' not in err and 'ERROR' not in err, err
