@@ -28,6 +28,9 @@ SIDE_TIME: Final = 0.4
 SLOWEST: Final = 0.01
 """Speed, m/s, below which nothing that rests is approached: the robot would creep for ever, and not arrive."""
 
+PASSING: Final = 0.05
+"""Speed, m/s, at which the robot passes what rests, however near the path leads to it."""
+
 AWAY: Final = 0.25
 """From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
 near for each metre that its corners swing, when it is no circle and turns."""
@@ -229,6 +232,8 @@ class KeepingApart:
         if self._grows(costmap, pose, velocity, escape, times):
             return velocity
         allowed = (here - SIDE_GAP) / SIDE_TIME - closing
+        if not escape and self._grows(costmap, pose, velocity, -AWAY * speed, times):
+            allowed = max(PASSING, here / SIDE_TIME)  # past what rests the way may lead as near as there is room
         if allowed >= min(SLOWEST, speed):
             share = min(1.0, allowed / speed)
             return Velocity(velocity.linear * share, velocity.angular * share)
