@@ -28,6 +28,9 @@ MOST_DISCS: Final = 20
 MOST_OUTLINES: Final = (20_000, 150_000, 1_000_000)
 """How many places and headings are looked at from either end, by turns, until the search is given up: five seconds."""
 
+USUAL_REACH: Final = 10.0
+"""How far a robot reaches, in cells, for which these are so many; for a larger one fewer, as each takes longer."""
+
 MOST_INTERPRETED: Final = (1_000, 4_000)
 """The same where nothing is compiled."""
 
@@ -127,8 +130,9 @@ class OutlinePlanner(GridPlanner):
             return *shape, margin, self._costmap.costs, WEIGHTS, self._is_roomy, there, *ends
 
         search = outline_loops().outline_search
-        looked = 0
-        for most, turned in product(MOST_INTERPRETED if search is outline_search else MOST_OUTLINES, (False, True)):
+        looked, share = 0, min(1.0, USUAL_REACH * self._costmap.world.resolution / self._costmap.inflation.outer_radius)
+        for limit, turned in product(MOST_INTERPRETED if search is outline_search else MOST_OUTLINES, (False, True)):
+            most = math.ceil(share * limit)
             way, states = search(*problem(turned), most, stop.cell)
             stop.check()
             if len(way):
