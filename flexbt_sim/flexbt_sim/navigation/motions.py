@@ -232,7 +232,8 @@ class KeepingApart:
         if self._grows(costmap, pose, velocity, escape, times):
             return velocity
         allowed = (here - SIDE_GAP) / SIDE_TIME - closing
-        if not escape and self._grows(costmap, pose, velocity, -AWAY * speed, times):
+        is_at_rest = not closing and here >= 0.0
+        if is_at_rest and self._grows(costmap, pose, velocity, escape - AWAY * abs(velocity.linear), times):
             allowed = max(PASSING, here / SIDE_TIME)  # past what rests the way may lead as near as there is room
         if allowed >= min(SLOWEST, speed):
             share = min(1.0, allowed / speed)
