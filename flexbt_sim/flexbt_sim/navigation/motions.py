@@ -202,8 +202,8 @@ class KeepingApart:
             return False
         if swing > SLOWEST and self._here < SIDE_GAP + SIDE_TIME * (swing + self._closing):
             return False  # a corner would touch them before the next scan
-        # Between two of them it would get away from one only to touch the other.
-        escape = AWAY * abs(velocity.linear) if self._here < 0.0 else 0.0
+        # Between two of them a circle would get away from one only to touch the other; a box may slide along one.
+        escape = 0.0 if costmap.inflation.corners or self._here >= 0.0 else AWAY * abs(velocity.linear)
         return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
 
     def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:

@@ -326,15 +326,15 @@ def test_a_box_leaves_who_touches_it_without_a_turn() -> None:
 
 def test_a_robot_between_two_who_touch_it_stays_there() -> None:
     """To get away from the one that is nearer would be to drive into the other one."""
-    here, inflation = Pose(3.0, 3.0, 0.0), Inflation.of(box(0.4, 0.4))
+    here, inflation = Pose(3.0, 3.0, 0.0), Inflation()
     layers = LayeredCostmap(Costmap(OPEN, inflation), window=3.0)
-    angles, ranges = numpy.array([0.0, math.pi]), numpy.array([0.175, 0.225])
+    angles, ranges = numpy.array([0.0, math.pi]), numpy.array([0.225, 0.275])
     layers.observe(Observation(here, angles, ranges), here)
     apart = KeepingApart(0.26)
     apart.look(layers.costmap, here, 0.0)
-    assert not apart.leaves(layers.costmap, here, Velocity(-0.11, 0.0))
-    apart.look(alone := seen_from(here, inflation, 0.175, 0.0), here, 0.05)
-    assert apart.leaves(alone, here, Velocity(-0.11, 0.0))
+    assert not apart.leaves(layers.costmap, here, Velocity(-0.12, 0.0))
+    apart.look(alone := seen_from(here, inflation, 0.225, 0.0), here, 0.05)
+    assert apart.leaves(alone, here, Velocity(-0.12, 0.0))
 
 
 def test_a_robot_that_is_localized_anew_has_seen_nobody_move() -> None:
