@@ -198,6 +198,21 @@ def test_patience_does_not_begin_anew_with_each_path() -> None:
     assert raised.value.code == 'PATIENCE_EXCEEDED'
 
 
+def test_a_turn_goes_on_until_a_command_takes_effect() -> None:
+    """A long robot that turns towards a wall has swung on by a period, and then brakes."""
+    walled, inflation = OPEN.obstacles.copy(), Inflation.of(box(0.9, 0.4))
+    walled[:, OPEN.cell(3.0, 3.0)[1]] = True
+    along, ahead = line((2.655, 3.0), (2.655, 4.5)), math.pi / 2.0
+    motion = PathFollower(along, Costmap(OPEN, inflation), FOLLOWER)
+    for number in range(9):
+        assert motion.step(Pose(2.655, 3.0, ahead + 0.9), number * PERIOD) == (0.0, -FOLLOWER.angular_speed)
+    motion.update(Costmap(OPEN, inflation, walled))
+    assert motion.step(Pose(2.655, 3.0, ahead), 9.0 * PERIOD) == (0.0, 0.0)
+    for number in range(10, 26):
+        velocity = motion.step(Pose(2.655, 3.0, ahead), number * PERIOD)
+    assert velocity is not None and velocity.linear > 0.0
+
+
 def test_corners_are_kept_apart_from_what_was_seen_beside_them() -> None:
     """And may move: it is 4 cm from the corner of a cart that drives past it, and 22 cm from the circle within."""
     seen = OPEN.obstacles.copy()
@@ -229,12 +244,12 @@ def test_patience_at_the_goal_begins_anew_after_it_could_turn() -> None:
     inflation, here = Inflation.of(box(0.6, 0.4)), Pose(3.0, 3.0, 0.0)
     blocked, free = Costmap(OPEN, inflation, seen), Costmap(OPEN, inflation)
     motion = PathFollower([here._replace(yaw=1.5)], blocked, FOLLOWER)
-    for now, costmap, turns in ((0.0, blocked, False), (0.1, free, True), (1.0, blocked, False), (1.2, blocked, False)):
-        motion.update(costmap)
+    for now in (0.0, 0.1, 1.0, 1.2, 1.4, 1.6):
+        motion.update(free if now == 0.1 else blocked)
         velocity = motion.step(here, now)
-        assert velocity is not None and (velocity.angular > 0.0) is turns
-    with pytest.raises(NavigationError) as raised:
-        motion.step(here, 1.4)
+        assert velocity is not None and (velocity.angular > 0.0) is (now == 0.1)
+    with pytest.raises(NavigationError) as raised:  # it has braked by 1.6
+        motion.step(here, 1.8)
     assert raised.value.code == 'PATIENCE_EXCEEDED'
 
 
