@@ -21,6 +21,9 @@ LOOK_AHEAD_STEP: Final = 0.1
 """Time, s, from one collision check to the next, where that is less than a cell of driving."""
 
 
+LATENCY: Final = 0.05
+"""After what time, s, a command takes effect: a period of a controller. Until then the one before does."""
+
 SIDE_GAP: Final = 0.03
 SIDE_TIME: Final = 0.4
 """What was seen and may move is not approached nearer than this, m, and for so long, s, it may come nearer unseen."""
@@ -32,8 +35,12 @@ PASSING: Final = 0.05
 """Speed, m/s, at which the robot passes what rests, however near the path leads to it."""
 
 AWAY: Final = 0.25
-"""From what touches it the robot moves away only: for each metre driven so many metres. So it does from all that is
-near for each metre that its corners swing, when it is no circle and turns."""
+"""From all that is near a robot that is no circle and turns moves away: for each metre that its corners swing so many
+metres."""
+
+ESCAPE: Final = 0.5
+"""From what touches it the robot moves away only: for each metre driven so many metres. Cells are coarse: what seems to
+pass may be pushed."""
 
 SAME_GAP: Final = 1e-6
 """Gaps, m, that differ by no more are the same: headings and distances are rounded."""
@@ -123,6 +130,33 @@ class Inertia:
             yield pose
 
 
+class CommandedDrive:
+    """What the drive of a robot makes of its commands: each takes effect after LATENCY, with limited accelerations."""
+
+    def __init__(self, inertia: Inertia) -> None:
+        self._inertia = inertia
+        self._before, self._now = STOP, -math.inf
+        self.command: Velocity = STOP
+        """The newest one; given after :meth:`advance`."""
+
+    def advance(self, now: float) -> None:
+        """To a time, s."""
+        passed = now - self._now
+        self._inertia = self._inertia.after(self._before, min(passed, LATENCY))
+        self._inertia = self._inertia.after(self.command, max(0.0, passed - LATENCY))
+        self._before, self._now = self.command, now
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the robot stands."""
+        return self._inertia.velocity == STOP
+
+    def foreseen(self, pose: Pose) -> tuple[Pose, Inertia]:
+        """Where a robot at a pose is, and how it goes, when the next command takes effect."""
+        (coming,) = self._inertia.poses(pose, self._before, LATENCY, 1)
+        return coming, self._inertia.after(self._before, LATENCY)
+
+
 def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, inertia: Inertia | None = None) -> bool:
     """Whether driving as commanded for some time ends in an obstacle, or beside the map. Without ``inertia`` the robot
     goes like this at once.
@@ -203,7 +237,7 @@ class KeepingApart:
         if swing > SLOWEST and self._here < SIDE_GAP + SIDE_TIME * (swing + self._closing):
             return False  # a corner would touch them before the next scan
         # Between two of them a circle would get away from one only to touch the other; a box may slide along one.
-        escape = 0.0 if costmap.inflation.corners or self._here >= 0.0 else AWAY * abs(velocity.linear)
+        escape = 0.0 if costmap.inflation.corners or self._here >= 0.0 else ESCAPE * abs(velocity.linear)
         return self._grows(costmap, pose, velocity, escape, (SIDE_TIME / 2.0, SIDE_TIME))
 
     def _grows(self, costmap: Costmap, pose: Pose, velocity: Velocity, speed: float, times: tuple[float, ...]) -> bool:
@@ -216,7 +250,7 @@ class KeepingApart:
         the robot would go at less than ``SLOWEST``.
 
         For what has moved lately the robot stops earlier, by as much as that may move until the robot stands, and
-        waits.
+        waits. What rests it passes as near as the path leads, slowly.
         """
         inflation = costmap.inflation
         here, closing = self._here, self._closing
@@ -226,7 +260,7 @@ class KeepingApart:
             return velocity
         if here < 0.0 and swing > SLOWEST:
             return None  # whoever touches it may follow, and is met by another corner
-        escape = max(closing, AWAY * (speed if here < 0.0 else swing))
+        escape = max(closing, ESCAPE * speed if here < 0.0 else AWAY * swing)
         # Who runs away has to do so for longer: after a corner that swings away there comes another one.
         times = (SIDE_TIME / 2.0, SIDE_TIME) if closing or here < 0.0 else (SIDE_TIME / 2.0,)
         if self._grows(costmap, pose, velocity, escape, times):

@@ -18,7 +18,17 @@ from flexbt_sim.costmaps import Costmap
 from flexbt_sim.errors import NavigationError
 from flexbt_sim.world import DriveModel, Pose, compose, drive, wrap
 
-from .motions import PERSONAL_SPACE, STOP, Inertia, KeepingApart, Steering, TurnLimits, Velocity, collides
+from .motions import (
+    PERSONAL_SPACE,
+    STOP,
+    CommandedDrive,
+    Inertia,
+    KeepingApart,
+    Steering,
+    TurnLimits,
+    Velocity,
+    collides,
+)
 from .track import Leg, Track, drivable_legs
 
 SEARCH_DISTANCE: Final = 1.5
@@ -37,9 +47,6 @@ controller."""
 END_OF_LEG: Final = 0.02
 """Distance, m, from where a car changes direction, or from the end, at which it is there; and from the goal, at which
 another robot is, unless its tolerance is less, when its last turn would collide farther off."""
-
-LATENCY: Final = 0.05
-"""After what time, s, a command takes effect: a period of a controller. Until then the one before does."""
 
 ASIDE: Final = tuple(math.tau * part / 8.0 for part in range(8))
 """Directions in the map, rad, in which a robot may give way. They do not turn with it, or it would turn to and fro."""
@@ -236,13 +243,8 @@ class PathFollower:
         self._at_goal = False
         self._blocked_since: float | None = None if before is None else before._blocked_since
         self._apart: KeepingApart = KeepingApart(limits.speed) if before is None else before._apart
-        self._inertia: Inertia = Inertia(STOP, limits.linear_acceleration, limits.angular_acceleration)
-        self._command = self._command_before = STOP
-        self._commanded = -math.inf
-        self._coming = STILL
-        if before is not None:
-            self._inertia, self._commanded = before._inertia, before._commanded
-            self._command, self._command_before = before._command, before._command_before
+        inertia = Inertia(STOP, limits.linear_acceleration, limits.angular_acceleration)
+        self._drive: CommandedDrive = CommandedDrive(inertia) if before is None else before._drive
         self.speed_limit = math.inf
         """m/s, of the topic of that name."""
         self.distance_to_goal = self._left = sum(leg.track.length for leg in self._legs)
@@ -250,7 +252,7 @@ class PathFollower:
     @property
     def speed(self) -> float:
         """As it is commanded, m/s."""
-        return self._command.linear
+        return self._drive.command.linear
 
     @property
     def _track(self) -> Track:
@@ -265,11 +267,7 @@ class PathFollower:
                 the way, or NO_VALID_CONTROL at once when there is no patience.
         """
         limits = self._limits
-        passed = now - self._commanded
-        self._inertia = self._inertia.after(self._command_before, min(passed, LATENCY))
-        self._inertia = self._inertia.after(self._command, max(0.0, passed - LATENCY))
-        self._command_before, self._commanded = self._command, now
-        (self._coming,) = self._inertia.poses(pose, self._command_before, LATENCY, 1)
+        self._drive.advance(now)
         self._move(self._drift())
         self._apart.look(self._costmap, pose, now)
         self._at = self._nearest(pose)
@@ -291,7 +289,7 @@ class PathFollower:
         if self._at_goal:
             angle = wrap(self._goal.yaw - pose.yaw)
             if abs(angle) <= limits.yaw_tolerance:
-                self._command = STOP
+                self._drive.command = STOP
                 return None
             if limits.turning_radius:
                 raise NavigationError(
@@ -322,7 +320,7 @@ class PathFollower:
             velocity = self._wait_for_way(now)
         else:
             self._blocked_since = None
-        self._command = velocity
+        self._drive.command = velocity
         return velocity
 
     def _last_turn(self, angle: float, pose: Pose, now: float, is_whole: bool) -> Velocity | None:
@@ -331,7 +329,7 @@ class PathFollower:
         seconds = abs(angle / turn.angular)
         if not is_whole:
             seconds = min(self._limits.collision_time, seconds)
-        if self._collides(turn, seconds):
+        if self._collides(pose, turn, seconds):
             return None
         return self._apart.limited(self._costmap, pose, turn)
 
@@ -400,7 +398,7 @@ class PathFollower:
         x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
         carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
         velocity = self._led(pose, carrot, backward)
-        while self._collides(velocity, limits.collision_time):
+        while self._collides(pose, velocity, limits.collision_time):
             if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
                 return None
             share = max(0.5, limits.approach_speed / abs(velocity.linear))
@@ -450,17 +448,17 @@ class PathFollower:
         """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn so does the way after it."""
         limits = self._limits
         if velocity.linear:
-            return self._collides(velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
+            return self._collides(pose, velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
         bearing = pose.bearing(carrot.x, carrot.y)
-        if self._collides(velocity, min(limits.collision_time, abs(bearing / velocity.angular))):
+        if self._collides(pose, velocity, min(limits.collision_time, abs(bearing / velocity.angular))):
             return True
         seconds = min(limits.collision_time, pose.distance(carrot) / limits.speed)
         return collides(self._costmap, pose._replace(yaw=pose.yaw + bearing), Velocity(limits.speed, 0.0), seconds)
 
-    def _collides(self, velocity: Velocity, seconds: float) -> bool:
+    def _collides(self, pose: Pose, velocity: Velocity, seconds: float) -> bool:
         """On the way from where the robot is when this takes effect."""
-        inertia = self._inertia.after(self._command_before, LATENCY)
-        return collides(self._costmap, self._coming, velocity, seconds, inertia)
+        coming, inertia = self._drive.foreseen(pose)
+        return collides(self._costmap, coming, velocity, seconds, inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
         """To somebody who is in the way: to where the gap to them grows most, if that leads away from them, or wait."""
@@ -470,7 +468,7 @@ class PathFollower:
         free = [place for place in places if not costmap.in_collision(place)]
         for place in sorted(free, key=lambda place: costmap.gap_seen(place, 2.0 * PERSONAL_SPACE), reverse=True):
             velocity = self._led(pose, place, abs(pose.bearing(place.x, place.y)) > math.pi / 2.0)
-            is_free = not self._collides(velocity, self._limits.collision_time)
+            is_free = not self._collides(pose, velocity, self._limits.collision_time)
             if is_free and self._apart.leaves(costmap, pose, velocity):
                 self._at_goal = False
                 return velocity
@@ -478,7 +476,7 @@ class PathFollower:
 
     def _wait_for_way(self, now: float) -> Velocity:
         patience = self._limits.patience
-        if self._blocked_since is None or self._inertia.velocity != STOP:
+        if self._blocked_since is None or not self._drive.is_at_rest:
             self._blocked_since = now  # it may be its own turn that is in the way, until it has braked
         if patience <= 0.0:
             raise NavigationError('NO_VALID_CONTROL', 'an obstacle is ahead on the path')
