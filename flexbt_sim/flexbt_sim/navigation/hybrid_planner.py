@@ -87,9 +87,8 @@ class HybridPlanner(OutlinePlanner):
                 'START_OCCUPIED' if costmap.touches_map(start) else 'NO_VALID_PATH',
                 f'at the start ({start.x:.2f}, {start.y:.2f}) the robot overlaps an obstacle',
             )
-        for path in before:
-            if rest := self._rest(path, start, goal):
-                return list(rest)
+        if rest := self._rest(before, start, goal):
+            return rest
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
         begin, end = ends = self.on_grid(start), self.on_grid(goal)
         # Where there is less room at an end the robot may come as near to obstacles all along.
@@ -180,18 +179,16 @@ class HybridPlanner(OutlinePlanner):
             f'of {looked} places and headings that were looked at',
         )
 
-    def _rest(self, path: Sequence[Pose], start: Pose, goal: Pose) -> Sequence[Pose]:
-        """What is left of a path before; nothing when it led elsewhere, or is not free, or the robot is not on it."""
-        radius = self._steering.turning_radius
-        if not path or path[-1] != goal:
-            return ()
-        beside = [start.distance(pose) + radius * abs(wrap(pose.yaw - start.yaw)) for pose in path]
-        nearest = beside.index(min(beside))
-        rest = path[nearest:]
-        if beside[nearest] > 2.0 * MARGIN * radius:
-            return ()
-        free = all(outline_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in rest)
-        return rest if free else ()
+    @property
+    def _on_path(self) -> float:
+        return 2.0 * MARGIN * self._steering.turning_radius
+
+    def _beside(self, start: Pose, pose: Pose) -> float:
+        return start.distance(pose) + self._steering.turning_radius * abs(wrap(pose.yaw - start.yaw))
+
+    def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
+        """Its poses have the heading of the robot."""
+        return all(outline_loops().room(*self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in path)
 
     def _ahead(self, target: Cell, radius: float) -> tuple[Any, ...]:
         """The :func:`.hybrid_kernels.ways` to a cell over blocks; and how many cells wide a block is."""

@@ -92,9 +92,8 @@ class OutlinePlanner(GridPlanner):
         path = super()._way(start, source, goal, target, stop, before)
         if self._costmap.in_collision(start) or self._is_drivable(path, start.yaw):
             return path
-        for one in before:
-            if rest := self._rest(one, start, goal):
-                return list(rest)
+        if rest := self._rest(before, start, goal):
+            return rest
         way = self._outline_way(start, source, goal, target, stop)
         return path if way is None else self._along(start, self._straightened(way, stop), goal)
 
@@ -107,13 +106,28 @@ class OutlinePlanner(GridPlanner):
         ends = yaw - world.origin.yaw, float(yaws[-1]) - world.origin.yaw
         return bool(outline_loops().room_on_way(*self.shape, points, *ends) >= 0.0)
 
-    def _rest(self, path: Sequence[Pose], start: Pose, goal: Pose) -> Sequence[Pose]:
-        """What is left of a path before; nothing when it led elsewhere, has no room, or the robot is not on it."""
-        if not path or path[-1] != goal:
-            return ()
-        beside = [start.distance(pose) for pose in path]
-        rest = path[beside.index(min(beside)) :]
-        return rest if min(beside) <= ON_PATH and self._is_drivable(rest, start.yaw) else ()
+    def _rest(self, paths: Sequence[Sequence[Pose]], start: Pose, goal: Pose) -> list[Pose]:
+        """What is left of the first path that leads to the goal, has room, and has the robot on it; [] without one."""
+        for path in paths:
+            if path and path[-1] == goal:
+                beside = [self._beside(start, pose) for pose in path]
+                rest = path[beside.index(min(beside)) :]
+                if min(beside) <= self._on_path and self._is_free(rest, start.yaw):
+                    return list(rest)
+        return []
+
+    @property
+    def _on_path(self) -> float:
+        """How far beside a path, m, the robot is still on it."""
+        return ON_PATH
+
+    def _beside(self, start: Pose, pose: Pose) -> float:
+        """How far, m, a robot is from a pose of a path."""
+        return start.distance(pose)
+
+    def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
+        """Whether the rest of a path before has room."""
+        return self._is_drivable(path, yaw)
 
     def _outline_way(
         self, start: Pose, source: Cell, goal: Pose, target: Cell, stop: StopFlag
