@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from rclpy.qos import QoSProfile
+
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
@@ -75,7 +77,7 @@ class SurroundingsLink:
             (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
             (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
             (OccupancyGrid, names.MAP, names.latched()),
-            (Path, names.PLAN, names.unacknowledged(1)),
+            (Path, names.PLAN, QoSProfile(depth=1)),
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])

@@ -17,9 +17,10 @@ from .acceleration import loops
 from .costmap import Box, Costmap, Inflation
 from .kernels import Bools
 
-KNOWN_TOLERANCE: Final = 0.03
-"""How far from an obstacle of the static map, m, a beam may end that was reflected by it: three standard deviations of
-the noise of a lidar. Nav2 marks such points too; they would make each passage a cell narrower on both sides."""
+KNOWN_TOLERANCE: Final = 0.05
+"""How far from an obstacle of the static map, m, a beam may end that was reflected by it: five standard deviations of
+the noise of a lidar. Of three, one beam in 700 would mark a cell in front of a wall, and robots brake for what appears
+near them. Nav2 marks such points; they would make each passage a cell narrower on both sides."""
 
 LOCAL_SIZE: Final = 3.0
 ROUND_ROBOT: Final = 1.0

@@ -49,23 +49,29 @@ class Page:
         self.told: list[str] = []
 
     async def until(self, done: Callable[[dict[str, Any]], object]) -> Any:
-        async with asyncio.timeout(DEADLINE):
-            while True:
-                with suppress(KeyError, IndexError, TypeError):
-                    if found := done(self.parts):
-                        return found
-                message = await self.socket.receive()
-                assert message.type in (WSMsgType.TEXT, WSMsgType.BINARY), message
-                if message.type is WSMsgType.TEXT:
-                    content = json.loads(message.data)
-                    self.parts.update(content.get('parts', {}))
-                    self.told += [content['told']['text']] if 'told' in content else []
+        try:
+            async with asyncio.timeout(DEADLINE):
+                return await self._until(done)
+        except TimeoutError:
+            known = {name: str(part)[:400] for name, part in self.parts.items()}
+            raise AssertionError(f'not within {DEADLINE:g} s; told: {self.told[-3:]}; known: {known}') from None
+
+    async def _until(self, done: Callable[[dict[str, Any]], object]) -> Any:
+        while True:
+            with suppress(KeyError, IndexError, TypeError):
+                if found := done(self.parts):
+                    return found
+            message = await self.socket.receive()
+            assert message.type in (WSMsgType.TEXT, WSMsgType.BINARY), message
+            if message.type is WSMsgType.TEXT:
+                content = json.loads(message.data)
+                self.parts.update(content.get('parts', {}))
+                self.told += [content['told']['text']] if 'told' in content else []
 
     async def do(self, line: str, **more: Any) -> None:
         before = len(self.told)
         await self.socket.send_json({'do': line, 'decision': None, **more})
-        await self.until(lambda parts: len(self.told) > before)
-        assert 'applied' in self.told[-1], self.told
+        await self.until(lambda parts: any('applied' in told for told in self.told[before:]))
 
 
 def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
