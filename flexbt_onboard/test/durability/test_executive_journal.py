@@ -565,16 +565,20 @@ def test_nothing_else_is_read(plain: Any) -> None:
 
 def test_a_process_that_was_forked_and_lives_on_does_not_keep_the_journal(tmp_path: Path, clock: SteadyClock) -> None:
     journal = Journal(tmp_path / 'e.journal', no_problem, clock)
+    begun, begins = os.pipe()
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:  # as a worker of a state whose executive is killed
         os.close(writing)
+        os.write(begins, b'.')
         os.read(reading, 1)
         os._exit(0)
     try:
+        os.close(begins)
+        assert os.read(begun, 1)
         journal.close()
         Journal(tmp_path / 'e.journal', no_problem, clock).close()
     finally:
-        os.close(writing)
-        os.close(reading)
+        for descriptor in (begun, writing, reading):
+            os.close(descriptor)
         os.waitpid(child, 0)
