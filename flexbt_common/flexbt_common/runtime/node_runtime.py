@@ -52,6 +52,7 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import make_executor
+from .node_log import NodeLogger, StandardStreams
 from .parameters import refusing_unknown_types, unknown_parameters
 from .ros_clock import RosClock
 
@@ -80,7 +81,15 @@ _FAULT_PAUSE_SECONDS = 0.05
 
 class DeepNode(Node):
     """A node whose services have the depth of :func:`flexbt_common.names.deep_services` where no other is given, and
-    answer whatever parameters are to be set."""
+    answer whatever parameters are to be set. What it logs is escaped and bounded (:class:`.node_log.NodeLogger`)."""
+
+    def get_logger(self) -> NodeLogger:
+        """See :meth:`rclpy.node.Node.get_logger`."""
+        if self._bounded_logger is None:  # the base asks while it is made
+            self._bounded_logger = NodeLogger(super().get_logger().name)
+        return self._bounded_logger
+
+    _bounded_logger: NodeLogger | None = None
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Any, *, qos_profile: QoSProfile | None = None, **options: Any
@@ -494,7 +503,7 @@ def run_node(
             file=sys.stderr,
         )
         return 2
-    with _signals_as_bytes() as (signals, wake):
+    with StandardStreams() as streams, _signals_as_bytes() as (signals, wake):
         runtime: NodeRuntime | None = None
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
@@ -506,12 +515,12 @@ def run_node(
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
-            _close_in_time(name, runtime)
+            _close_in_time(name, runtime, streams)
             return 1
         os.read(signals, 1)
         if runtime.health.failure:
             print(f'{name}: cannot go on: {runtime.health.failure}', file=sys.stderr, flush=True)
-        _close_in_time(name, runtime)
+        _close_in_time(name, runtime, streams)
         return 1 if runtime.has_failed else 0
 
 
@@ -544,21 +553,22 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
         os.close(writing)
 
 
-def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
+def _close_in_time(name: str, runtime: NodeRuntime | None, streams: StandardStreams) -> None:
     if runtime is None:
         return
-    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
+    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime, streams])
     in_time.daemon = True
     in_time.start()
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
-    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
+    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=streams.error_file())
     runtime.close()
     in_time.cancel()
 
 
-def _leave_now(name: str, runtime: NodeRuntime) -> None:
+def _leave_now(name: str, runtime: NodeRuntime, streams: StandardStreams) -> None:
     if runtime.is_at_rest:  # a whole fleet: the others notice that its process is gone
         os._exit(1 if runtime.has_failed else 0)
     print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
     os._exit(1)
+    streams.flush()

@@ -28,6 +28,7 @@ from rclpy.action.server import GoalEvent, RCLError, ServerGoalHandle
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
+from rclpy.impl import rcutils_logger
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service import Service
@@ -76,6 +77,18 @@ class Use:
 
     parts: tuple[Part, ...]
     loss: str
+
+
+OpenLogger: Final[Any] = rcutils_logger.RcutilsLogger
+"""The logger of rclpy's nodes, as a base; it has no public name."""
+
+
+def log_for_callers_of(file: str) -> None:
+    """Have rclpy's logger take who calls a function of this file for the place that logs, by which it throttles.
+
+    rclpy keeps the names that others add to this list.
+    """
+    rcutils_logger._internal_callers.append(os.path.realpath(file))
 
 
 def _named_in_methods(owner: type) -> set[str]:
