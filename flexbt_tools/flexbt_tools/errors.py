@@ -27,6 +27,7 @@ class ExitCode(IntEnum):
     REFUSED = 3
     NODE_ERROR = 4
     UNFINISHED = 5
+    UNREACHABLE = 6
     INTERRUPTED = 130
 
 

@@ -37,6 +37,12 @@ class Described(System, Protocol):
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         """What has begun to work in the last step, or was done at once: its path, and its type and inputs."""
 
+    def asked(self) -> Mapping[str, tuple[str, ...]]:
+        """What has looked at the robot in the last step without any work: by its path, its type and inputs."""
+
+    def handed_over(self) -> Mapping[str, str]:
+        """Plain values that others find on the blackboard when it has ended by itself, by their keys."""
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -121,7 +127,11 @@ def names_of(paths: Iterable[str]) -> dict[str, str]:
 
 class _Seen(NamedTuple):
     """What is seen of a step: lines, how it has ended, the time that went by, what has begun, what is possible then,
-    and what is wrong with it: texts, by the property and the node."""
+    what is wrong with it (texts, by the property and the node), what was asked, and what is left after the end.
+
+    What was asked, and what is left, is compared where both versions have it: a version need not ask, or write, what
+    makes no difference to it.
+    """
 
     lines: tuple[str, ...]
     ended: str | None
@@ -129,11 +139,19 @@ class _Seen(NamedTuple):
     begun: tuple[tuple[str, tuple[str, ...]], ...]
     possible: frozenset[Label]
     wrong: Mapping[tuple[str, str], str]
+    asked: Mapping[str, tuple[str, ...]]
+    handed_over: Mapping[str, str]
 
-    @property
-    def told_apart(self) -> tuple[object, ...]:
-        """What is not so in a version that can be told from this one."""
-        return (*self[:-1], frozenset(self.wrong))
+    def is_told_from(self, other: _Seen) -> bool:
+        """Whether it can be told which of both was seen."""
+        return self[:5] != other[:5] or self.wrong.keys() != other.wrong.keys() or bool(self.differing(other))
+
+    def differing(self, other: _Seen) -> frozenset[str]:
+        """What was asked with other inputs, and the keys that have other values after the end."""
+        asked = {name for name, parts in self.asked.items() if other.asked.get(name, parts) != parts}
+        return frozenset(
+            asked | {key for key, value in self.handed_over.items() if other.handed_over.get(key, value) != value}
+        )
 
     def leads_where(self, other: _Seen) -> bool:
         """Whether the same has happened, so that what comes after it can be compared."""
@@ -146,10 +164,13 @@ class _Seen(NamedTuple):
         yield from self.lines
         if not self.lines:
             yield 'nothing begins, and nothing ends'
-        theirs = dict(other.begun)
-        for path, parts in self.begun:
+        theirs = {**other.asked, **dict(other.begun)}
+        for path, parts in (*self.begun, *self.asked.items()):
             if path in theirs and parts != theirs[path]:
                 yield f'{path}: {" ".join(part for part in parts if part not in theirs[path])}'
+        for key, value in self.handed_over.items():
+            if other.handed_over.get(key, value) != value:
+                yield f'after the end, {{{key}}} is {value}'
         yield from (f'wrong: {text}' for place, text in self.wrong.items() if place not in other.wrong)
         only = self.possible - other.possible
         if only and self.leads_where(other):
@@ -192,6 +213,8 @@ class _Version:
                 (one.property.value, self.named(one.where) if one.where in self._paths else ''): self.named(one.text)
                 for one in violations
             },
+            asked={self.named(path): parts for path, parts in system.asked().items()},
+            handed_over=dict(system.handed_over()),
         )
 
 
@@ -268,7 +291,7 @@ class _SideBySide:
             source = (pair[0].key, pair[1].key)
             for label, answers, before, now in self._steps_from(pair):
                 place = _Place(source, label, answers)
-                if before.told_apart != now.told_apart:
+                if before.is_told_from(now):
                     self._found.setdefault(_kind(label, before, now), (place, before, now))
                 if not before.leads_where(now):
                     continue
@@ -334,5 +357,6 @@ def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:
     if before.leads_where(now):
         begun = frozenset(before.begun) ^ frozenset(now.begun)
         wrong = frozenset(before.wrong) ^ frozenset(now.wrong)
-        return (begun, before.possible - now.possible, now.possible - before.possible, wrong)
+        inputs = before.differing(now)
+        return (begun, before.possible - now.possible, now.possible - before.possible, wrong, inputs)
     return (label, before[:3], now[:3])

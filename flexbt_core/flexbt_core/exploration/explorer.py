@@ -204,6 +204,8 @@ class _Exploration:
             self._graph.over.add(key)
         if system.waits:
             self._graph.waiting.add(key)
+        if system.is_asking:
+            self._graph.asking.add(key)
 
     def _note(self, violation: Violation, moves: tuple[Move, ...]) -> None:
         if violation not in self._found.violations:

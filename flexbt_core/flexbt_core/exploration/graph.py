@@ -31,6 +31,8 @@ class Graph:
         self.over: set[bytes] = set()
         """Where it is settled how it ends."""
         self.waiting: set[bytes] = set()
+        self.asking: set[bytes] = set()
+        """Where a person is asked, who can do something else than answer."""
         self.unfinished: set[bytes] = set()
         self.broken: set[bytes] = set()
         self.depth = 0
@@ -52,7 +54,7 @@ class Graph:
             ways = after.setdefault(key, _STOPS)
             if not move.label.is_stop and answer not in ways:
                 after[key] = ways | {answer}
-            if answer is not None:
+            if answer is not None and answer.server:
                 self._servers.add(answer.server)
         if key in self._from:
             return False
@@ -80,7 +82,8 @@ class Graph:
     ) -> Iterator[tuple[Violation, tuple[Move, ...]]]:
         """Where nothing can happen any more, and where it cannot end any more although it could before.
 
-        That also where up to ``faults`` servers are gone for good: then what needs them does not succeed any more.
+        That also where up to ``faults`` servers are gone for good: then what needs them does not succeed any more. What
+        nobody causes is no way out then; a person who is asked is one.
         """
         stuck = {key for key in self._from if self._is_stuck(key)}
         if stuck:
@@ -97,11 +100,12 @@ class Graph:
             text = f'from here it can never end by itself, whatever happens: {where}; only a stop ends it'
             yield Violation(Property.CAN_END, where, text), way
         told: list[set[str]] = []
+        can_end = self._can_end(before, frozenset(), is_caused=True)
         for number in range(1, faults + 1):
             for gone in combinations(sorted(self._servers), number):
                 if any(known <= set(gone) for known in told):
                     continue
-                caught = can_end - self._can_end(before, frozenset(gone))
+                caught = can_end - self._can_end(before, frozenset(gone), is_caused=True)
                 if caught:
                     told.append(set(gone))
                     way, where = self._shortest(caught, position)
@@ -204,17 +208,24 @@ class Graph:
                     before.setdefault(key, []).append((source, ways or _ANY))
         return before
 
-    def _can_end(self, before: _Before, gone: frozenset[str], silent: str | None = None) -> set[bytes]:
+    def _can_end(
+        self, before: _Before, gone: frozenset[str], silent: str | None = None, *, is_caused: bool = False
+    ) -> set[bytes]:
         """Configurations from which an end can be reached without a stop, or might be.
 
-        Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``.
+        Nothing succeeds that needs a server that is ``gone``, and nothing comes from the one that is ``silent``. With
+        ``is_caused`` nothing happens that only somebody outside can cause, and who is asked may end it.
         """
         ends = {key for key, ended in self.ended.items() if ended is not None or self._open(key)}
-        return _sources(
-            ends,
-            before,
-            lambda way: way is None or (way.server != silent and not (way.is_success and way.server in gone)),
-        )
+
+        def is_way(way: Answer | None) -> bool:
+            if way is None:
+                return True
+            if is_caused and not way.is_caused:
+                return False
+            return way.server != silent and not (way.is_success and way.server in gone)
+
+        return _sources(ends | self.asking if is_caused else ends, before, is_way)
 
 
 def _rounds(steps: Mapping[bytes, Collection[bytes]]) -> Iterator[list[bytes]]:

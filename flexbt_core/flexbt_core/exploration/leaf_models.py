@@ -114,8 +114,8 @@ class Environment:
 
     ``open`` are the actions that work, ``canceling`` those that were halted and have not ended, by their paths,
     with what the tree waits for.
-    ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, each with what
-    ``described`` told of it then. ``due`` is when an
+    ``answers`` were given in the step that is under way, in which the leaves ``begun`` began, and conditions and
+    decorators that look at the robot were ``asked``, each with what ``described`` told of it then. ``due`` is when an
     attempt has to be given up, by its skill.
     """
 
@@ -125,6 +125,7 @@ class Environment:
         self.choices = Choices()
         self.events: list[str] = []
         self.begun: list[tuple[str, tuple[str, ...]]] = []
+        self.asked: dict[str, tuple[str, ...]] = {}
         self.described: Callable[[TreeNode], tuple[str, ...]] = lambda node: (node.id,)
         self.answers: dict[str, int] = {}
         self.values = values
@@ -136,6 +137,7 @@ class Environment:
         """A step is under way: nothing was answered in it, and what was measured before may have changed."""
         self.events = []
         self.begun = []
+        self.asked = {}
         self.answers = {}
         self.facts.measured.clear()
 
@@ -272,7 +274,9 @@ class ModelInstant(_Model):
         except Exception as error:
             raise self.fault(error) from error
         self.status = status
-        if self.kind is not NodeKind.CONDITION:
+        if self.kind is NodeKind.CONDITION:
+            self.environment.asked[self.path] = described
+        else:
             self.environment.begun.append((self.path, described))
             self.environment.events.append(f'{self.path} is done: {status.name}')
         return status
@@ -330,6 +334,7 @@ class ModelGate(Decorator):
         model = self.model
         begins = (not self.active and model.begins_first) or self.child.status is RUNNING or model.kind is LeafKind.PASS
         self.status = RUNNING
+        environment.asked[self.path] = environment.described(self)
         if model.kind is LeafKind.PASS:
             write_outputs(self, environment, SUCCESS)
         if begins or environment.choices.choose(f'{self.path} begins its child', ('yes', 'no')) == 0:

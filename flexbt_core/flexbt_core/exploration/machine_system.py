@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
@@ -44,7 +44,15 @@ from flexbt_core.values import counted
 from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .model import START, STOP, TIMER, Answer, Label, servers_gone
-from .state_models import MachineEnvironment, ModelState, StateModels, modelled, state_model
+from .state_models import (
+    MachineEnvironment,
+    ModelState,
+    StateModels,
+    modelled,
+    parameters_of,
+    plain_values,
+    state_model,
+)
 from .symmetry import interchangeable
 from .virtual_time import VirtualClock
 
@@ -172,6 +180,14 @@ class MachineSystem:
         defaults = dict.fromkeys((key for one in self._written for key in one.keys), _DEFAULT)
         shown = {key: defaults.get(key, value) for key, value in definition.defaults.items()}
         self._definition = modelled(replace(definition, defaults=shown), models, self._environment)
+        self._parameters = {
+            node.path: parameters_of(node.state) for node in definition.nodes() if isinstance(node, StateDefinition)
+        }
+        self._defaults = {
+            node.path: defaults
+            for node in definition.nodes()
+            if isinstance(node, MachineDefinition) and (defaults := plain_values(node.defaults))
+        }
         self._states = {node.path: node for node in self._definition.nodes() if isinstance(node, StateDefinition)}
         self._observer = _Observer(self)
         self._woken = False
@@ -203,6 +219,7 @@ class MachineSystem:
         self._classes = {type(leaf.state.unwrapped) for leaf in self._run.root.leaves()}
         self._memory = Memory(roots, self.clock, self._layout, self._classes)
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
+        self._is_starting = False
         self._moved = ''
         """What makes the step that is under way: the subject of its label."""
 
@@ -256,6 +273,10 @@ class MachineSystem:
     def waits(self) -> str:
         asked = ', '.join(decision.path for decision in self._run.decisions)
         return asked or ('the operator, who has paused it' if self._run.is_paused else '')
+
+    @property
+    def is_asking(self) -> bool:
+        return bool(self._run.decisions)
 
     def labels(self) -> Sequence[Label]:
         run, counted, environment, bounds = self._run, self._counted, self._environment, self._bounds
@@ -320,9 +341,12 @@ class MachineSystem:
 
     def answer(self, label: Label) -> Answer | None:
         state = self._environment.active.get(label.subject) if label.kind == OUTCOME else None
-        if state is None or not state.model.server:
+        if state is None:
             return None
-        return Answer(state.model.server, label.value in state.model.successes)
+        model, is_caused = state.model, label.value not in state.model.canceled
+        if not model.server and is_caused:
+            return None
+        return Answer(model.server, label.value in model.successes, is_caused)
 
     def is_due(self, label: Label) -> bool:
         return label.kind == TIMER and self.clock.is_due(self._next_due())
@@ -354,6 +378,7 @@ class MachineSystem:
         self._found = []
         self._events = []
         self._moved = label.subject
+        self._is_starting = label.kind == START
         self._happen(label)
         wakes = 0
         while True:
@@ -366,6 +391,7 @@ class MachineSystem:
                 text = f'it wakes itself over and over ({_WAKES} times in a row) and waits for nothing'
                 self._found.append(Violation(Property.NO_LIVELOCK, self.position(), text))
                 break
+        self._taken.update(image for path in environment.begun for image in self._images(path))
         self._check()
         return self._found
 
@@ -418,13 +444,20 @@ class MachineSystem:
         return [node.path for node in self._definition.nodes()]
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """States with their types, and which keys of their machines their own keys are."""
+        """States with their types, which keys of their machines their own keys are, and what they were made with."""
         return [(path, self._described(self._states[path])) for path in self._environment.begun]
 
-    @staticmethod
-    def _described(leaf: StateDefinition) -> tuple[str, ...]:
+    def asked(self) -> Mapping[str, tuple[str, ...]]:
+        """When it begins, the userdata that machines are given."""
+        return self._defaults if self._is_starting else {}
+
+    def handed_over(self) -> Mapping[str, str]:
+        return {}
+
+    def _described(self, leaf: StateDefinition) -> tuple[str, ...]:
         keys = (*leaf.state.input_keys, *leaf.state.output_keys)
-        return (leaf.state.type_name, *(f'{key}={leaf.remap.get(key, key)}' for key in keys))
+        remapped = (f'{key}={leaf.remap.get(key, key)}' for key in keys)
+        return (leaf.state.type_name, *remapped, *self._parameters[leaf.path])
 
     def covered(self) -> frozenset[str]:
         return frozenset(self._taken)
@@ -433,10 +466,10 @@ class MachineSystem:
         return frozenset(f'{node.path} > {outcome}' for node in self._definition.nodes() for outcome in node.outcomes)
 
     def promised(self) -> frozenset[str]:
-        """The outcomes of the machine, but where nobody answers what is asked."""
+        """The outcomes of the machine, and its states, but where nobody answers what is asked."""
         if self._bounds.operator is Operator.NONE:
             return frozenset()
-        return frozenset(f'/ > {outcome}' for outcome in self._definition.outcomes)
+        return frozenset((*(f'/ > {outcome}' for outcome in self._definition.outcomes), *self._states))
 
     def idle(self) -> Sequence[Violation]:
         return ()

@@ -56,10 +56,15 @@ class Move(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What a label is, when it is how something ends that needs a server: of which one, and whether with success."""
+    """What a label is, when it is how something ends that needs a server, or that somebody has to cause.
+
+    ``server`` is the one that it needs ('' for none). ``is_caused``: it happens because of what is there; otherwise
+    only when somebody outside makes it happen, such as who cancels a goal.
+    """
 
     server: str
     is_success: bool
+    is_caused: bool = True
 
 
 def servers_gone(number: int) -> str:
@@ -80,7 +85,7 @@ class System(Protocol):
         """What can happen now; none when it has ended."""
 
     def answer(self, label: Label) -> Answer | None:
-        """What a label that is possible now tells of a server; None when it tells nothing."""
+        """What a label that is possible now tells of a server, or of who causes it; None when it tells nothing."""
 
     def is_due(self, label: Label) -> bool:
         """Whether a label that is possible now is that of a time that has come already: none goes by, and nothing
@@ -108,6 +113,10 @@ class System(Protocol):
     @property
     def waits(self) -> str:
         """For whom it waits visibly, if it does: '' for nobody."""
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether a person is asked how to go on, who can do something else, too."""
 
     def position(self) -> str:
         """Where it is, in words."""
@@ -179,5 +188,11 @@ class Report:
 
     @property
     def is_proof(self) -> bool:
-        """Whether everything was followed: what is wrong is not followed, and what comes after it is not known."""
-        return self.is_complete and self.holds
+        """Whether everything was followed: what comes after something wrong is not known. What never happens is."""
+        never = (Property.REACHABLE, Property.LIMITS)
+        return self.is_complete and all(one.violation.property in never for one in self.counterexamples)
+
+    @property
+    def is_dead_code(self) -> bool:
+        """Whether nothing is wrong but that something can never come about: a success, an outcome, a state, a node."""
+        return not self.holds and all(one.violation.property is Property.REACHABLE for one in self.counterexamples)

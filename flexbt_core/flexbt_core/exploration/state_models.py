@@ -8,10 +8,12 @@ is asked as the real one asks it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
+from hashlib import blake2b
+from types import CodeType, FunctionType
 from typing import Final
 
 from flexbt_core.monitors import Property, Violation
@@ -47,7 +49,8 @@ class StateModel:
     ``not_written``: outcomes with which it leaves its output keys as they were. ``suggestion`` is that of a DECISION.
     ``reads`` are what it needs of the blackboards of trees when it begins, ``writes`` what is there after an outcome,
     and ``outputs`` what it is known to write there while it works.
-    ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does.
+    ``server`` is what it needs to succeed ('' for nothing), ``successes`` are the outcomes by which it does, and
+    ``canceled`` those that come only when somebody outside cancels what it has begun.
     """
 
     kind: StateKind
@@ -58,6 +61,7 @@ class StateModel:
     suggestion: str | None = None
     server: str = ''
     successes: frozenset[str] = frozenset()
+    canceled: frozenset[str] = frozenset()
     reads: frozenset[str] = frozenset()
     outputs: frozenset[str] = frozenset()
     writes: Mapping[str, frozenset[str]] = field(default_factory=dict)
@@ -83,8 +87,55 @@ def state_model(definition: StateDefinition) -> StateModel:
         ends_later=ends_later,
         server=definition.path if ends_later else '',
         successes=frozenset(state.outcomes) - not_written,
+        canceled=frozenset(name for name, one in skill.outcomes.items() if one.kind is OutcomeClass.CANCELED),
         not_written=not_written,
     )
+
+
+def parameters_of(state: EventState) -> tuple[str, ...]:
+    """Return what tells a state from another one of its class: attributes whose values can be compared."""
+    common = vars(EventState()).keys() - {'desired_rate'}
+    return plain_values({name: value for name, value in vars(state.unwrapped).items() if name not in common})
+
+
+def plain_values(values: Mapping[str, object]) -> tuple[str, ...]:
+    """Return those that can be compared, as `name=value`."""
+    return tuple(f'{name.lstrip("_")}={text}' for name, value in values.items() if (text := _shown(value)))
+
+
+def _shown(value: object, depth: int = 5) -> str:
+    """Return a text that is the same for equal values; '' for objects that have no such text."""
+    if value is None or isinstance(value, bool | int | float | str | bytes | Enum):
+        return repr(value)
+    if isinstance(value, type):
+        return value.__qualname__
+    if depth == 0:  # it may contain itself
+        return '...'
+
+    def inner(values: Iterable[object]) -> list[str]:
+        return [_shown(one, depth - 1) for one in values]
+
+    if isinstance(value, FunctionType):
+        # An empty cell, of what is not assigned yet, has no contents.
+        bound = inner(getattr(cell, 'cell_contents', None) for cell in value.__closure__ or ())
+        digest = blake2b(f'{_code(value.__code__)} {bound}'.encode(), digest_size=4)
+        return f'{value.__name__} ({digest.hexdigest()})'
+    if is_dataclass(value):
+        return f'{type(value).__name__}({", ".join(inner(getattr(value, one.name) for one in fields(value)))})'
+    if isinstance(value, Mapping):
+        pairs = zip(inner(value), inner(value.values()), strict=True)
+        return f'{{{", ".join(f"{key}: {one}" for key, one in pairs)}}}'
+    if isinstance(value, list | tuple):
+        return f'[{", ".join(inner(value))}]'
+    if isinstance(value, set | frozenset):
+        return f'{{{", ".join(sorted(inner(value)))}}}'
+    return ''
+
+
+def _code(code: CodeType) -> str:
+    """Return what a function does, wherever it stands in its file."""
+    constants = [_code(one) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
+    return f'{code.co_code!r} {code.co_names} {constants}'
 
 
 class MachineEnvironment:

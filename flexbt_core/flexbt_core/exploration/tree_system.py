@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_core.behavior_tree import (
@@ -50,6 +50,12 @@ TICK: Final = 'tick'
 
 _MODELS: Final = (ModelAction, ModelGate, ModelInstant)
 
+STOPPED: Final = 'stopped'
+"""The result of a tree that was stopped."""
+SUCCEEDS: Final = f'={SUCCESS.name}'
+"""The end of a tree by success, among what it promises."""
+_PLAIN: Final = (bool, int, float, str)
+"""Types of values that are compared and shown; of others only counts whether they are there."""
 _ROUNDS: Final = 200
 """Ticks in a row that count as a livelock."""
 
@@ -81,7 +87,7 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'begun', 'described', 'answers', 'found')),
+        Environment: frozenset(('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found')),
         Facts: frozenset(('_needed', 'measured', 'names')),
         ModelAction: frozenset(('needs', '_path')),
         ModelInstant: frozenset(('needs', '_path')),
@@ -164,6 +170,7 @@ class TreeSystem:
         ]
         self._environment = Environment(tested_values(scripts), self._found.append)
         self._ticked: set[int] = set()
+        self._has_succeeded = False
         self._observed = frozenset(observed)
         self._tree = Tree(
             library,
@@ -333,6 +340,10 @@ class TreeSystem:
     def waits(self) -> str:
         return ''
 
+    @property
+    def is_asking(self) -> bool:
+        return False
+
     def labels(self) -> Sequence[Label]:
         run, environment = self._run, self._environment
         if not run.is_started:
@@ -369,7 +380,7 @@ class TreeSystem:
         environment.asks()
         self._found.clear()
         if label.kind == STOP:
-            self._halt('stopped')
+            self._halt(STOPPED)
         else:
             if label.kind == START:
                 run.is_started = True
@@ -405,6 +416,15 @@ class TreeSystem:
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         return self._environment.begun
 
+    def asked(self) -> Mapping[str, tuple[str, ...]]:
+        return self._environment.asked
+
+    def handed_over(self) -> Mapping[str, str]:
+        if self._run.result in (None, STOPPED):
+            return {}
+        entries = self._board.entries().items()
+        return {key: repr(entry.value) for key, entry in entries if type(entry.value) in _PLAIN}
+
     def _described(self, node: TreeNode) -> tuple[str, ...]:
         """The type of a leaf, its inputs and outputs: the keys, and values of inputs that are plain, as they are
         now."""
@@ -412,24 +432,25 @@ class TreeSystem:
 
     def _port_text(self, node: TreeNode, name: str) -> str:
         value = node.port_values[name]
-        if value.key is None:
-            return f'{name}="{value.text}"'
+        if value.key is None:  # 0.20 and 0.2 are the same number
+            return f'{name}="{value.literal if type(value.literal) in _PLAIN else value.text}"'
         entry = node.blackboard.entry(value.key)
         key = value.key if entry is None else self._entry_names.get(id(entry), value.key)
         is_read = name not in node.ports or node.ports[name].readable
-        is_plain = is_read and entry is not None and type(entry.value) in (bool, int, float, str)
+        is_plain = is_read and entry is not None and type(entry.value) in _PLAIN
         plain = f' ({entry.value!r})' if entry is not None and is_plain else ''
         return f'{name}="{{{key}}}"{plain}'
 
     def covered(self) -> frozenset[str]:
-        return frozenset(node.path for node in self._tree.nodes if node.uid in self._ticked)
+        ended = [SUCCEEDS] if self._has_succeeded else []
+        return frozenset((*(node.path for node in self._tree.nodes if node.uid in self._ticked), *ended))
 
     def coverable(self) -> frozenset[str]:
         return frozenset(node.path for node in self._tree.nodes)
 
     def promised(self) -> frozenset[str]:
-        """All nodes: one that nothing can ever tick is dead. The tree need not be able to fail, or to succeed."""
-        return self.coverable()
+        """All nodes, and success: a node that nothing can ever tick is dead. The tree need not be able to fail."""
+        return self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:
         """The decorators that limit how often their child begins, and never kept it from that."""
@@ -478,6 +499,7 @@ class TreeSystem:
 
     def _halt(self, result: str) -> None:
         self._run.result = result
+        self._has_succeeded |= result == SUCCESS.name
         try:
             self._tree.halt()
         except NodeExecutionError as error:

@@ -15,7 +15,7 @@ class Property(Enum):
     ONE_OWNER = 'an actuator has one owner'
     NO_LIVELOCK = 'nothing goes round without waiting for anything'
     NO_DEADLOCK = 'something can always happen'
-    REACHABLE = 'every outcome, and every node of a tree, can be reached'
+    REACHABLE = 'every outcome and state of a machine, and every node and the success of a tree, can be reached'
     LIMITS = 'what limits how often something begins makes it wait at some time'
     CAN_END = 'it can always still end'
     APPROVAL = 'nothing happens without the approval that it needs'

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree import (
     input_port,
     load_xml,
 )
-from flexbt_core.behavior_tree.model import STRING
+from flexbt_core.behavior_tree.model import FLOAT, STRING
 from flexbt_core.exploration import (
     Comparison,
     LeafModel,
@@ -45,7 +45,7 @@ class IsSafe(Condition):
 
 
 class IsNear(IsSafe):
-    pass
+    ports = {'distance': input_port(FLOAT, default=0.5)}
 
 
 class Note(SyncAction):
@@ -191,6 +191,67 @@ def noted(value: str) -> str:
 )  # fmt: skip
 def test_inputs_are_those_with_which_a_leaf_begins(before: str, now: str, seen: str) -> None:
     assert seen in versions(before, now).differences[0].now
+
+
+def near(distance: str) -> str:
+    return f'<Sequence><IsNear{distance}/>{DRIVE}</Sequence>'
+
+
+def watched(distance: str) -> str:
+    return f'<ReactiveSequence><IsNear{distance}/>{DRIVE}</ReactiveSequence>'
+
+
+def scripted(distance: str) -> str:
+    return f'<Sequence><Script code="d:={distance}"/>{near(""" distance="{d}" """.rstrip())}</Sequence>'
+
+
+@pytest.mark.parametrize(
+    ('before', 'now', 'seen'),
+    [
+        (near(' distance="1.0"'), near(' distance="2.0"'), 'IsNear: distance="2.0"'),
+        (near(''), near(' distance="2.0"'), 'IsNear: distance="2.0"'),
+        (near(' distance="{near}"'), near(' distance="{far}"'), 'IsNear: distance="{far}" (0.0)'),
+        (scripted('1.5'), scripted('2.5'), 'IsNear: distance="{d}" (2.5)'),
+        (watched(' distance="1.0"'), watched(' distance="2.0"'), 'IsNear: distance="2.0"'),
+        ('<Script code="mode:=1"/>', '<Script code="mode:=2"/>', 'after the end, {mode} is 2'),
+    ],
+    ids=['literal', 'default', 'other key', 'value on the blackboard', 'reactive', 'handed over'],
+)  # fmt: skip
+def test_what_conditions_are_asked_with_and_what_is_handed_over_is_compared(before: str, now: str, seen: str) -> None:
+    assert seen in versions(before, now).differences[0].now
+    assert versions(now, now).is_same
+
+
+@pytest.mark.parametrize('distance', ['', ' distance="0.50"'], ids=['default', 'other digits'])
+def test_the_same_number_written_otherwise_is_the_same_input(distance: str) -> None:
+    assert versions(near(' distance="0.5"'), near(distance)).is_same
+
+
+class Timed(EventState):
+    def __init__(self, seconds: float, places: list[str], judge: Callable[[int], bool]) -> None:
+        super().__init__(['done'], desired_rate=None)
+        self._seconds, self._places, self._judge, self._running = seconds, places, judge, object()
+
+
+def test_of_machines_parameters_of_states_and_given_userdata_are_compared() -> None:
+    def maker(seconds: float, place: str, least: int, count: int) -> Callable[[], MachineSystem]:
+        with OperatableStateMachine(['finished']) as machine:
+            machine.userdata['count'] = count
+            add('Look', Timed(seconds, ['dock', place], lambda number: number > least), {'done': 'finished'})
+        definition = define(machine)
+        return lambda: MachineSystem(definition)
+
+    before = maker(1.0, 'door', 3, 0)
+    assert compare(before, maker(1.0, 'door', 3, 0)).is_same
+    for other in (
+        maker(2.0, 'door', 3, 0),
+        maker(1.0, 'desk', 3, 0),
+        maker(1.0, 'door', 4, 0),
+        maker(1.0, 'door', 3, 1),
+    ):
+        assert not compare(before, other).is_same
+    (seconds,) = compare(before, maker(2.0, 'door', 3, 0)).differences
+    assert seconds.now[-1] == '/Look: seconds=2.0'
 
 
 def test_a_node_without_a_name_is_not_taken_for_one_that_has_its_name() -> None:

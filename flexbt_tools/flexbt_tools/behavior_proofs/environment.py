@@ -15,7 +15,7 @@ from flexbt_core.exploration import (
     state_model,
 )
 from flexbt_core.state_machine import StateDefinition
-from flexbt_states import OperatorDecisionState
+from flexbt_states import OperatorDecisionState, OperatorInputState
 from flexbt_tools.behaviors import UsedTrees
 from flexbt_tools.tree_checks import tree_resources
 
@@ -33,6 +33,8 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
         if isinstance(state, OperatorDecisionState):
             return StateModel(StateKind.DECISION, suggestion=state.suggestion)
         found = state_model(definition)
+        if isinstance(state, OperatorInputState):  # it is the operator who declines
+            return replace(found, canceled=frozenset())
         use = uses.get(definition.path)
         if use is None:
             return found

@@ -124,8 +124,12 @@ def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Seque
     is_wrong = any(not report.holds for report in reports)
     if is_wrong:
         _save(options, reports)
-    if is_wrong or any(not one.is_same for one in compared):
+    if any(not (report.holds or report.is_dead_code) for report in reports) or any(
+        not one.is_same for one in compared
+    ):
         return ExitCode.NEGATIVE
+    if is_wrong:
+        return ExitCode.UNREACHABLE
     followed = [report.is_complete for report in reports] + [one.comparison.is_complete for one in compared]
     return ExitCode.OK if all(followed) else ExitCode.UNFINISHED
 

@@ -81,8 +81,6 @@ def prove_tree(
     if cache is not None and known is None and report.is_complete:
         cache.put(digest, report)
     notes = [] if known is None else [NOTE]
-    if report.is_proof and 'FAILURE' in report.ends and 'SUCCESS' not in report.ends:
-        notes.append('it never succeeds: whatever happens, it does not end by SUCCESS')
     if unknown:
         notes.append(
             f'not installed here, so any result is possible, and actuators are not known: {", ".join(unknown)}'

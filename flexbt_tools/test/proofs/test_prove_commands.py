@@ -434,6 +434,76 @@ def test_a_version_beside_the_one_before(tmp_path: Path) -> None:
     assert 'tree Main: DIFFERS: it is there only before' in other.out
 
 
+@pytest.mark.parametrize(
+    ('before', 'now', 'seen'),
+    [
+        ('<IsBatteryLow min_battery="0.2"/>', '<IsBatteryLow min_battery="0.95"/>', 'min_battery="0.95"'),
+        ('<IsBatteryLow min_battery="0.2"/>', '<IsBatteryLow min_battery="0.2" battery_topic="/other"/>',
+         'battery_topic="/other"'),
+        ('<WouldAPlannerRecoveryHelp error_code="{a}"/>', '<WouldAPlannerRecoveryHelp error_code="{b}"/>',
+         'error_code="{b}"'),
+        ('<PipelineSequence><DistanceController distance="1.0"><Wait/></DistanceController><Spin/></PipelineSequence>',
+         '<PipelineSequence><DistanceController distance="2.0"><Wait/></DistanceController><Spin/></PipelineSequence>',
+         'distance="2.0"'),
+    ],
+    ids=['charge', 'topic', 'code', 'distance'],
+)  # fmt: skip
+def test_inputs_of_conditions_and_decorators_are_compared(tmp_path: Path, before: str, now: str, seen: str) -> None:
+    old, new = tmp_path / 'old.xml', tmp_path / 'new.xml'
+    old.write_text(document(f'Main: {before}'))
+    new.write_text(document(f'Main: {now}'))
+    done = tool('prove', str(new), '--against', str(old))
+    assert done.code == 1 and seen in done.out
+    assert tool('prove', str(new), '--against', str(new)).code == 0
+
+
+@pytest.mark.parametrize(
+    ('tree', 'code', 'told'),
+    [
+        ('<ForceFailure><Wait/></ForceFailure>', 6, 'WRONG: =SUCCESS is never reached'),
+        ('<Fallback><ForceSuccess><Wait/></ForceSuccess><Spin/></Fallback>', 6, 'WRONG: Spin::4 is never reached'),
+        ('<Wait/>', 0, 'nothing wrong'),
+    ],
+    ids=['success', 'node', 'none'],
+)
+def test_what_can_never_come_about_has_an_exit_code_of_its_own(tmp_path: Path, tree: str, code: int, told: str) -> None:
+    file = tmp_path / 'main.xml'
+    file.write_text(document(f'Main: {tree}'))
+    done = tool('prove', str(file))
+    assert done.code == code and told in done.out
+
+
+def machine_of(folder: Path, tree: str, transitions: str) -> str:
+    (folder / 'go.xml').write_text(document(f'Go: {tree}', main='Go'))
+    file = folder / 'machine.yaml'
+    file.write_text(
+        'machine:\n  outcomes: [finished, failed]\n  states:\n'
+        f'    Go: {{state: BtExecuteState, parameters: {{bt_file: {folder}/go.xml}}, transitions: {transitions}}}\n'
+        '    Then: {state: WaitState, parameters: {wait_time: 1.0}, transitions: {done: finished}}\n'
+    )
+    return str(file)
+
+
+@pytest.mark.parametrize(
+    ('tree', 'transitions', 'code', 'told'),
+    [
+        # Nobody cancels a goal by itself: it is no way out of attempts that go on for ever.
+        ('<Wait/>', '{done: Then, canceled: failed, failed: Go}', 1, 'when the server of BT server is gone for good'),
+        # The operator, who is asked each time, is one.
+        ('<Wait/>', '{done: Then, canceled: failed, failed: Go}, autonomy: {failed: full}', 0, 'nothing wrong'),
+        ('<ForceFailure><Wait/></ForceFailure>', '{done: Then, canceled: failed, failed: failed}', 6,
+         'WRONG: /Then is never reached'),
+        ('<Wait/>', '{done: Then, canceled: failed, failed: failed}', 0, 'nothing wrong'),
+    ],
+    ids=['endless', 'asked', 'unreachable', 'sound'],
+)  # fmt: skip
+def test_attempts_for_ever_and_states_that_are_never_reached(
+    tmp_path: Path, tree: str, transitions: str, code: int, told: str
+) -> None:
+    found, out, err = behavior('prove', machine_of(tmp_path, tree, transitions))
+    assert (found, told in out) == (code, True), out + err
+
+
 def test_a_behavior_beside_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def version(name: str, plan: str, unplanned: str) -> str:
         folder = tmp_path / name

@@ -16,6 +16,7 @@ EXIT_CODES: Final = (
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
     ('5', 'synthesize: no answer within the time limit; prove: nothing is wrong so far, but not all was followed'),
+    ('6', 'prove: nothing goes wrong, but an outcome, a state, a node or the success of a tree can never be reached'),
     ('130', 'interrupted'),
 )
 

@@ -17,6 +17,7 @@ EXIT_CODES: Final = (
     ('3', 'a file cannot be used; the reasons are printed'),
     ('4', 'run: a node raised an exception, or broke the rules'),
     ('5', 'run, plan: not done in time; prove: nothing is wrong so far, but not all was followed'),
+    ('6', 'prove: nothing goes wrong, but the tree can never succeed, or a node can never be reached'),
     ('130', 'interrupted'),
 )
 
