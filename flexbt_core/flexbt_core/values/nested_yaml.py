@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """YAML from others, which must cost no more than its length suggests.
 
-PyYAML's scanner takes a time that grows with the depth of the text, its composer calls itself for each level, an alias
-repeats what may be any amount of data, and numbers in base 60 take the square of their length. All of it is bounded
-here, while the text is read.
+PyYAML's composer calls itself for each level, an alias repeats what may be any amount of data, and numbers in base 60
+take the square of their length. All of it is bounded here, while the text is read.
+
+The text is scanned by libyaml, where PyYAML is built with it: PyYAML's own scanner takes 1 to 3 s for 100 kB, in which
+a node hears nothing. Its errors say more, so a short text that libyaml refuses is scanned once more by it.
 """
 
 from __future__ import annotations
@@ -20,7 +22,11 @@ MAX_DEPTH: Final = 100
 MAX_REPEATED: Final = 100_000
 """Values that a text may stand for when each alias is written out."""
 
+RESCANNED: Final = 5_000
+"""Characters of a text that libyaml refuses, at most, for PyYAML to say why: it takes about 0.1 s for them."""
+
 _MOST_DIGITS: Final = 1000
+_SCANNER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 _NUMBERS: Final = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 
 
@@ -53,7 +59,12 @@ def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
         YamlError: no YAML, aliases, nested deeper than MAX_DEPTH, or more than MAX_REPEATED values by aliases.
     """
     try:
-        return _Composer(text, aliases=aliases).get_single_node()
+        try:
+            return _FastComposer(text, aliases=aliases).get_single_node()
+        except yaml.YAMLError:
+            if len(text) > RESCANNED:
+                raise
+            return _Composer(text, aliases=aliases).get_single_node()
     except (yaml.YAMLError, RecursionError) as error:
         raise YamlError(getattr(error, 'problem_mark', None), f'no YAML: {_problem(error)}') from error
 
@@ -70,16 +81,20 @@ def construct_yaml(node: yaml.Node) -> Any:
         raise YamlError(getattr(error, 'problem_mark', None) or node.start_mark, _problem(error)) from error
 
 
-class _Composer(yaml.SafeLoader):
-    def __init__(self, text: str, *, aliases: bool) -> None:
-        super().__init__(text)
+class _Bounds(yaml.composer.Composer):
+    """Composes the nodes of the events that a scanner gives, within the bounds."""
+
+    peek_event: Any  # of the scanner
+
+    def __init__(self, *, aliases: bool) -> None:
+        yaml.composer.Composer.__init__(self)  # and not of the next class: a loader, which has been initialized
         self._takes_aliases = aliases
         self._around: list[str | None] = []  # the anchors of what is being read, outermost first
         self._values = 0  # so far, each alias written out
         self._values_of: dict[str | None, int] = {}  # by anchor
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event: yaml.NodeEvent = self.peek_event()  # type: ignore[no-untyped-call]
+        event: yaml.NodeEvent = self.peek_event()
         tag = getattr(event, 'tag', None) or ''
         if tag.startswith('!'):  # no plain data has one; somebody has written [!open]
             written = shown(tag.rstrip(',]}'))
@@ -104,6 +119,18 @@ class _Composer(yaml.SafeLoader):
             if event.anchor is not None:
                 self._values_of[event.anchor] = self._values - before
         return node
+
+
+class _Composer(_Bounds, yaml.SafeLoader):
+    def __init__(self, text: str, *, aliases: bool) -> None:
+        yaml.SafeLoader.__init__(self, text)
+        _Bounds.__init__(self, aliases=aliases)
+
+
+class _FastComposer(_Bounds, _SCANNER):
+    def __init__(self, text: str, *, aliases: bool) -> None:
+        _SCANNER.__init__(self, text)
+        _Bounds.__init__(self, aliases=aliases)
 
 
 class _Constructor(yaml.constructor.SafeConstructor):
