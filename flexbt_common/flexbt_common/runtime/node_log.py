@@ -9,22 +9,19 @@ for a node that other people send texts to:
 - a program that makes a node log again and again fills the disk: :class:`NodeLogger` has an allowance, and counts what
   it drops;
 - a reader of standard error that stalls (a full pipe, Ctrl-S in a terminal) stops the thread that logs, and with it
-  the node: :class:`StandardStreams` writes on a thread that nobody waits for.
+  the node: with :class:`StandardStreams` it loses lines instead, and counts them.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import io
 import os
 import select
 import stat
 import sys
-import termios
 import threading
 import time
-from pathlib import Path
 from typing import Any, Final
 
 from rclpy.logging import LoggingSeverity
@@ -41,11 +38,6 @@ LINES: Final = 200
 LOG_BURST: Final = 4_000_000
 LOG_RATE: Final = 2_000
 """Characters that a node logs, at once and a second, at most; counted apart for errors and for the rest."""
-
-STREAM_BYTES: Final = 1_000_000
-"""Bytes that wait for the reader of a standard stream, at most."""
-
-_FLUSH_SECONDS: Final = 0.3
 
 log_for_callers_of(__file__)
 
@@ -96,6 +88,7 @@ class NodeLogger(OpenLogger):
     def __init__(self, name: str, burst: float = LOG_BURST, rate: float = LOG_RATE) -> None:
         super().__init__(name)
         self._allowances = {False: _Allowance(burst, rate), True: _Allowance(burst, rate)}
+        self._unread = 0
         self._notices = OpenLogger(name)  # rclpy's refuses two severities from one place of the code
 
     def get_child(self, name: str) -> NodeLogger:
@@ -117,168 +110,110 @@ class NodeLogger(OpenLogger):
         allowance = self._allowances[severity >= LoggingSeverity.ERROR]
         if not allowance.admit():
             return False
+        is_read = _is_read(2)
         is_logged = bool(super().log(text, severity, **options))
         if is_logged:
             allowance.charge(len(text))
-            dropped = allowance.take_dropped()
-            if dropped:
-                why = f'this node logged more than {allowance.rate:g} characters a second'
-                self._notices.warning(f'{counted(dropped, "message")} dropped: {why}')
+            self._unread += not is_read
+            if is_read:
+                self._report_dropped(allowance)
         return is_logged
+
+    def _report_dropped(self, allowance: _Allowance) -> None:
+        dropped = allowance.take_dropped()
+        if dropped:
+            why = f'this node logged more than {allowance.rate:g} characters a second'
+            self._notices.warning(f'{counted(dropped, "message")} dropped: {why}')
+        if self._unread:
+            unread, self._unread = self._unread, 0
+            self._notices.warning(f'{counted(unread, "message")} missing here: nobody read this output')
+
+
+def _is_read(number: int) -> bool:
+    """Return whether what is written to a descriptor now has room: its reader has not stalled."""
+    ready = select.poll()
+    ready.register(number, select.POLLOUT)
+    return bool(ready.poll(0))
 
 
 class StandardStreams:
     """Standard output and standard error of a process in which no thread waits for their readers; a context.
 
-    Within it, a pipe, socket or terminal is replaced by a pipe that a thread empties. Of what nobody reads,
-    :data:`STREAM_BYTES` are kept, and the number of lines dropped is written when it is read again. Files stay: they
-    have no reader.
+    Within it, writing to a pipe, socket or terminal that takes no more fails at once, and what was to be written is
+    dropped. Python's own streams count the lines, and report them when they are read again; :class:`NodeLogger` does so
+    for messages. What is written is with the reader at once: nothing is lost when the process is killed. Files stay as
+    they are: they have no reader.
     """
 
     def __init__(self) -> None:
-        self._drains: dict[tuple[int, int], _Drain] = {}
-        self._before = (sys.stdout, sys.stderr)
+        self._before: list[tuple[str, int, int]] = []
+        self._streams = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> StandardStreams:
         """Take the streams over."""
-        for number in (1, 2):
-            with contextlib.suppress(OSError):  # it is closed, or there is no descriptor left: it stays as it is
-                status = os.fstat(number)
-                if stat.S_ISREG(status.st_mode) or os.path.samestat(status, Path(os.devnull).stat()):
-                    continue
-                if number == 2 and os.isatty(number):
-                    os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')  # what a pipe would not get
-                file = (status.st_dev, status.st_ino)
-                if file not in self._drains:  # both streams may be one file, whose order is kept
-                    self._drains[file] = _Drain(number)
-                self._drains[file].take_over(number)
+        for name in ('stdout', 'stderr'):
+            stream = getattr(sys, name)
+            if stream is None or stream is not getattr(sys, f'__{name}__'):
+                continue  # closed, or somebody's own, such as that of a test
+            with contextlib.suppress(OSError):  # it cannot be opened once more: it stays as it is
+                number = stream.fileno()
+                if not stat.S_ISREG(os.fstat(number).st_mode):
+                    self._take_over(name, number)
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Write what waits, and give the streams back if they are read."""
-        if self.flush():
-            for drain in self._drains.values():
-                drain.give_back()
-        sys.stdout, sys.stderr = self._before
+        """Give the streams back."""
+        for name, number, before in self._before:
+            getattr(sys, name).flush()
+            os.dup2(before, number)
+            os.close(before)
+        sys.stdout, sys.stderr = self._streams
 
-    def flush(self) -> bool:
-        """Wait until everything is written, 0.3 s at most; return whether it is."""
-        return all(drain.flush() for drain in self._drains.values())
+    def _take_over(self, name: str, number: int) -> None:
+        if stat.S_ISSOCK(os.fstat(number).st_mode):  # that of journald: nobody else writes to it
+            again = os.dup(number)
+        else:
+            # Opened once more, since whether to wait is a matter of who opens: the shell goes on waiting.
+            again = os.open(f'/proc/self/fd/{number}', os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        os.set_blocking(again, False)
+        stream = getattr(sys, name)
+        stream.flush()
+        self._before.append((name, number, os.dup(number)))
+        os.dup2(again, number)
+        os.close(again)
+        file = io.BufferedWriter(_Output(number))
+        text = io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True, write_through=True)
+        setattr(sys, name, text)
 
-    def error_file(self) -> int:
-        """Return a descriptor of standard error for who cannot wait for a thread of this process: the file itself while
-        it is read."""
-        drain = next((drain for drain in self._drains.values() if 2 in drain.numbers), None)
-        return 2 if drain is None or not drain.flush() else drain.file
 
-
-class _Drain:
-    """Writes to a file what comes through a pipe, on threads of its own."""
+class _Output(io.RawIOBase):
+    """Writes to a descriptor what it takes, and drops the rest."""
 
     def __init__(self, number: int) -> None:
-        self.file = os.dup(number)
-        self.numbers: list[int] = []
-        self._reading, self._writing = os.pipe()
-        os.set_blocking(self._writing, False)
-        with contextlib.suppress(OSError):  # beyond what this user may have
-            fcntl.fcntl(self._writing, fcntl.F_SETPIPE_SZ, STREAM_BYTES)
-        self._waiting = bytearray()
-        self._dropped = 0
-        self._changed = threading.Condition()
-        for run in (self._read, self._write):
-            threading.Thread(target=run, name='standard_streams', daemon=True).start()
-
-    def take_over(self, number: int) -> None:
-        """Have everything that is written to this descriptor come here."""
-        os.dup2(self._writing, number)
-        self.numbers.append(number)
-        name = 'stdout' if number == 1 else 'stderr'
-        stream = getattr(sys, name)
-        if stream is not None and stream is getattr(sys, f'__{name}__'):
-            stream.flush()
-            setattr(sys, name, _text_stream(self, number, stream))
-
-    def add(self, data: bytes) -> None:
-        """Keep what is to be written, or count its lines if there is no room for it."""
-        with self._changed:
-            if len(self._waiting) + len(data) > STREAM_BYTES:
-                self._dropped += max(1, data.count(b'\n'))
-            else:
-                self._waiting += data
-                self._changed.notify_all()
-
-    def is_terminal(self) -> bool:
-        """Return whether what comes here is shown in a terminal."""
-        return os.isatty(self.file)
-
-    def flush(self) -> bool:
-        """Wait until everything is written, 0.3 s at most; return whether it is."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self._is_empty() and not self._waiting, _FLUSH_SECONDS)
-
-    def give_back(self) -> None:
-        """Have the descriptors be the file again."""
-        for number in self.numbers:
-            os.dup2(self.file, number)
-
-    def _is_empty(self) -> bool:
-        return int.from_bytes(fcntl.ioctl(self._reading, termios.FIONREAD, bytes(4)), sys.byteorder) == 0
-
-    def _read(self) -> None:
-        while True:
-            select.select([self._reading], [], [])
-            with self._changed:  # what is not in the pipe any more is in what waits
-                self.add(os.read(self._reading, 65536))
-
-    def _write(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting)
-                if self._dropped and len(self._waiting) < STREAM_BYTES / 2:
-                    self._waiting += b'... %d lines dropped: nobody read this output\n' % self._dropped
-                    self._dropped = 0
-                data = bytes(self._waiting[:4096])
-            try:
-                written = os.write(self.file, data)
-            except OSError:  # the reader is gone
-                written = len(data)
-            with self._changed:
-                del self._waiting[:written]
-                self._changed.notify_all()
-
-
-class _DrainFile(io.RawIOBase):
-    """What Python's text streams write to in place of a descriptor that would say that it is full."""
-
-    def __init__(self, drain: _Drain, number: int) -> None:
         super().__init__()
-        self._drain = drain
         self._number = number
+        self._unread = 0
 
     def write(self, data: Any) -> int:
-        """Never waits, and takes all."""
-        part = bytes(data)
-        self._drain.add(part)
-        return len(part)
+        """Return the length of ``data``: all of it is written or dropped."""
+        given = bytes(data)
+        left = b'... %d lines dropped: nobody read this output\n%b' % (self._unread, given) if self._unread else given
+        try:
+            while left:
+                left = left[os.write(self._number, left) :]
+            self._unread = 0
+        except BlockingIOError:
+            self._unread += max(1, given.count(b'\n'))
+        return len(given)
 
     def writable(self) -> bool:
         """It is."""
         return True
 
     def fileno(self) -> int:
-        """Return the descriptor for which this stands."""
+        """Return the descriptor."""
         return self._number
 
     def isatty(self) -> bool:
         """Return whether a person reads it in a terminal."""
-        return self._drain.is_terminal()
-
-
-def _text_stream(drain: _Drain, number: int, like: Any) -> io.TextIOWrapper:
-    return io.TextIOWrapper(
-        io.BufferedWriter(_DrainFile(drain, number)),
-        like.encoding,
-        like.errors,
-        write_through=True,
-        line_buffering=True,
-    )
+        return os.isatty(self._number)

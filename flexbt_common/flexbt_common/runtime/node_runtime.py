@@ -503,7 +503,7 @@ def run_node(
             file=sys.stderr,
         )
         return 2
-    with StandardStreams() as streams, _signals_as_bytes() as (signals, wake):
+    with StandardStreams(), _signals_as_bytes() as (signals, wake):
         runtime: NodeRuntime | None = None
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
@@ -515,12 +515,12 @@ def run_node(
             print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
-            _close_in_time(name, runtime, streams)
+            _close_in_time(name, runtime)
             return 1
         os.read(signals, 1)
         if runtime.health.failure:
             print(f'{name}: cannot go on: {runtime.health.failure}', file=sys.stderr, flush=True)
-        _close_in_time(name, runtime, streams)
+        _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
 
 
@@ -553,22 +553,21 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
         os.close(writing)
 
 
-def _close_in_time(name: str, runtime: NodeRuntime | None, streams: StandardStreams) -> None:
+def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     if runtime is None:
         return
-    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime, streams])
+    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
     in_time.daemon = True
     in_time.start()
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
-    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=streams.error_file())
+    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
     runtime.close()
     in_time.cancel()
 
 
-def _leave_now(name: str, runtime: NodeRuntime, streams: StandardStreams) -> None:
+def _leave_now(name: str, runtime: NodeRuntime) -> None:
     if runtime.is_at_rest:  # a whole fleet: the others notice that its process is gone
         os._exit(1 if runtime.has_failed else 0)
     print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
     os._exit(1)
-    streams.flush()

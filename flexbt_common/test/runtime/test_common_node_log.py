@@ -20,18 +20,24 @@ from flexbt_common.runtime.node_log import NodeLogger
 from flexbt_testing.waiting import wait_until
 
 _TALKER = """
-import sys, threading
+import sys
 from flexbt_common.runtime import run_node
 
 def setup(runtime):
     log = runtime.node.get_logger()
 
     def talk():
-        for number in range(12_000):
+        for number in range(2_000):
             log.info(f'line {number} ' + 'x' * 80)
             print('printed', number)
         with open(sys.argv[1], 'w') as done:
             done.write('done')
+        go_on()
+
+    def go_on():
+        log.warning('still there')
+        print('still printing')
+        runtime.post_in(0.05, go_on)
 
     runtime.post(talk)
 
@@ -102,18 +108,21 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_counts_what_it_drops(tmp_p
     try:
         wait_until(done.exists)  # and not a byte of it was read
         assert process.stdout is not None
-        read = _read_until(process.stdout.fileno(), b'nobody read this output')
-        assert b' lines dropped: nobody read this output' in read
+        read = _read_until(
+            process.stdout.fileno(), b' messages missing here: nobody read', b' lines dropped: nobody read'
+        )
+        assert b'line 0 ' in read
     finally:
         process.terminate()
         process.communicate(timeout=30.0)
     assert process.returncode == 0
 
 
-def _read_until(file: int, text: bytes) -> bytes:
+def _read_until(file: int, *texts: bytes) -> bytes:
     read = b''
-    end = time.monotonic() + 30.0
-    while text not in read and time.monotonic() < end:
+    end = time.monotonic() + 60.0
+    while not all(text in read for text in texts):
+        assert time.monotonic() < end, read[-1000:]
         if select.select([file], [], [], 1.0)[0]:
             read += os.read(file, 65536)
     return read
