@@ -22,6 +22,7 @@ setup(
     entry_points={
         'console_scripts': [
             'onboard_executive = flexbt_onboard.executables:onboard_executive',
+            'stop_guard = flexbt_onboard.executables:stop_guard',
             'run_report = flexbt_onboard.executables:run_report',
         ],
     },

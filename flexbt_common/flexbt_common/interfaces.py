@@ -12,10 +12,10 @@ from enum import Enum
 from typing import Final
 
 from . import names
-from .names import BT_SERVER, CONSOLE, NAVIGATION, OBSERVER, ONBOARD_EXECUTIVE, RECORDER, SIMULATOR
+from .names import BT_SERVER, CONSOLE, NAVIGATION, OBSERVER, ONBOARD_EXECUTIVE, RECORDER, SIMULATOR, STOP_GUARD
 
 ROLES: Final[Mapping[str, tuple[str, ...]]] = {
-    'robot': (BT_SERVER, ONBOARD_EXECUTIVE, NAVIGATION, SIMULATOR),
+    'robot': (BT_SERVER, ONBOARD_EXECUTIVE, NAVIGATION, SIMULATOR, STOP_GUARD),
     'operator': (CONSOLE,),
     'observer': (OBSERVER, RECORDER),
 }
@@ -121,8 +121,8 @@ OF_NODES: Final[tuple[Interface, ...]] = (
 
 OF_FLEXBT: Final[tuple[Interface, ...]] = (
     # The operator link
+    *_topics(names.EXECUTIVE_STATUS, by=(ONBOARD_EXECUTIVE,), to=(*CONSOLES, RECORDER, STOP_GUARD)),
     *_topics(
-        names.EXECUTIVE_STATUS,
         names.EXECUTIVE_STRUCTURE,
         names.EXECUTIVE_BEHAVIORS,
         names.EXECUTIVE_LOG,
@@ -131,7 +131,9 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         by=(ONBOARD_EXECUTIVE,),
         to=(*CONSOLES, RECORDER),
     ),
-    *_topics(names.EXECUTIVE_STOP, names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
+    *_topics(names.EXECUTIVE_STOP, by=(CONSOLE, STOP_GUARD), to=(ONBOARD_EXECUTIVE, STOP_GUARD, RECORDER)),
+    *_topics(names.STOP_GUARD_STATUS, by=(STOP_GUARD,), to=(*CONSOLES, RECORDER)),
+    *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
     *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
     *_topics(names.EXECUTIVE_PING, by=CONSOLES, to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=CONSOLES),
@@ -140,9 +142,9 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_actions(names.FLEXBE_SYNTHESIS, by=ONBOARD_EXECUTIVE, to=()),
     *_actions(names.OPERATOR_INPUT, names.EXECUTE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(ONBOARD_EXECUTIVE, BT_SERVER)),
     # The BT server
+    *_actions(names.BT_EXECUTOR, by=BT_SERVER, to=(ONBOARD_EXECUTIVE, STOP_GUARD)),
     *_actions(
         names.BT_LOADER,
-        names.BT_EXECUTOR,
         names.BT_GET_DATA,
         names.BT_SET_DATA,
         by=BT_SERVER,
@@ -157,7 +159,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.NAVIGATE_THROUGH_POSES,
         names.FOLLOW_WAYPOINTS,
         by=BT_SERVER,
-        to=(BT_SERVER, ONBOARD_EXECUTIVE),
+        to=(BT_SERVER, ONBOARD_EXECUTIVE, STOP_GUARD),
     ),
     *_topics(names.GOAL_POSE, to=(BT_SERVER,)),
     *_topics(names.BEHAVIOR_TREE_LOG, by=(BT_SERVER,)),
@@ -177,7 +179,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.DOCK_ROBOT,
         names.UNDOCK_ROBOT,
         by=NAVIGATION,
-        to=(BT_SERVER, ONBOARD_EXECUTIVE),
+        to=(BT_SERVER, ONBOARD_EXECUTIVE, STOP_GUARD),
     ),
     *_services(
         names.CLEAR_GLOBAL_COSTMAP,
@@ -223,7 +225,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_topics(names.DETECTED_DOCK_POSE, to=(NAVIGATION,)),
     *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, names.RELOAD_DOCKS, by=(NAVIGATION,)),
     # The robot
-    *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE), to=(SIMULATOR, RECORDER)),  # zero, by the executive
+    # Zero velocity, by the executive and the stop guard.
+    *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE, STOP_GUARD), to=(SIMULATOR, RECORDER)),
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),
     *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),

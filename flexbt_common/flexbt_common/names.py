@@ -20,6 +20,7 @@ OBSERVER: Final = 'observer'
 RECORDER: Final = 'recorder'
 SIMULATOR: Final = 'simulator'
 NAVIGATION: Final = 'navigation'
+STOP_GUARD: Final = 'stop_guard'
 
 # Actions of the BT server
 BT_LOADER: Final = 'bt_loader'
@@ -62,6 +63,7 @@ EXECUTIVE_EVENTS: Final = 'executive/events'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'
 EXECUTIVE_PONG: Final = 'executive/pong'
+STOP_GUARD_STATUS: Final = 'stop_guard/status'
 PLACES: Final = 'places'
 COMMAND_DEPTH: Final = 50
 STOP_DEPTH: Final = 10

@@ -9,6 +9,11 @@ def onboard_executive() -> int:
     return run_main('flexbt_onboard.node.onboard_executive')
 
 
+def stop_guard() -> int:
+    """See :mod:`flexbt_onboard.node.stop_guard`; gives the exit code."""
+    return run_main('flexbt_onboard.node.stop_guard')
+
+
 def run_report() -> int:
     """See :mod:`flexbt_onboard.event_log.run_report`; gives the exit code."""
     return run_main('flexbt_onboard.event_log.run_report')

@@ -105,6 +105,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
         Process('flexbt_sim', 'simulator', world),
         Process('flexbt_sim', 'navigation', simulated),
         Process('flexbt_server', 'bt_server', simulated),
+        Process('flexbt_onboard', 'stop_guard'),
         Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': settings.places}),
     )
 

@@ -29,6 +29,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
     return (
         Process('flexbt_sim', 'simulation', world),
         Process('flexbt_server', 'bt_server', {**simulated, 'navigators': (names.NAVIGATE_TO_POSE,)}),
+        Process('flexbt_onboard', 'stop_guard'),
         Process('flexbt_onboard', 'onboard_executive', {**simulated, 'places': config_file('places.yaml')}),
     )
 

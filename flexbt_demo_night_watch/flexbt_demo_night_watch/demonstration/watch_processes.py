@@ -27,7 +27,8 @@ def config_file(name: str) -> str:
 
 
 def watch_processes(speed: float) -> tuple[Process, ...]:
-    """The simulator, and navigation, BT server and executive of each robot; ``speed`` in seconds per second."""
+    """The simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
+    second."""
     building = config_file('building.yaml')
     world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': building, 'odom_rate': 20.0})
     return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
@@ -39,6 +40,7 @@ def robot_processes(robot: str) -> tuple[Process, ...]:
     return (
         Process('flexbt_sim', 'navigation', {'use_sim_time': True, 'desired_linear_vel': SPEED}, robot),
         Process('flexbt_server', 'bt_server', {'use_sim_time': True}, robot),
+        Process('flexbt_onboard', 'stop_guard', namespace=robot),
         Process('flexbt_onboard', 'onboard_executive', {'use_sim_time': True, 'places': places}, robot),
     )
 

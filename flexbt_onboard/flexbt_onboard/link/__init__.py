@@ -2,6 +2,7 @@
 """What operators and programs see of the executive, and its own way to stop the robot."""
 
 from .clock_publishers import ClockPublishers
+from .command_intake import CommandIntake
 from .event_stream import EventStream
 from .executive_status import status_of
 from .motion_stop import MOTION_ACTIONS, MotionStop
@@ -17,6 +18,7 @@ __all__ = [
     'MAXIMUM_RATE',
     'MOTION_ACTIONS',
     'ClockPublishers',
+    'CommandIntake',
     'EventStream',
     'MotionStop',
     'OperatorLink',

@@ -34,15 +34,24 @@ OnCommand = Callable[[ExecutiveCommand, bytes], object]
 
 
 class CommandIntake:
-    """Takes commands. Made and used on the executor thread; ``tell`` gets a severity and a line for the operators."""
+    """Takes commands, or ``only_stops``. Made and used on the executor thread; ``tell`` gets a severity and a line for
+    the operators."""
 
-    def __init__(self, runtime: NodeRuntime, on_command: OnCommand, tell: Callable[[int, str], None]) -> None:
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        on_command: OnCommand,
+        tell: Callable[[int, str], None],
+        *,
+        only_stops: bool = False,
+    ) -> None:
         self._runtime = runtime
         self._on_command = on_command
         self._tell = tell
         self._messages: dict[str, ReceivedMessages] = {}
         self._told: dict[bytes, float] = {}  # participants, and until when nothing more is told of each
-        for topic, qos in ((names.EXECUTIVE_STOP, names.stop()), (names.EXECUTIVE_COMMAND, names.command())):
+        commands = () if only_stops else ((names.EXECUTIVE_COMMAND, names.command()),)
+        for topic, qos in ((names.EXECUTIVE_STOP, names.stop()), *commands):
             rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)
             receive = functools.partial(self._receive, topic, rates)
             self._messages[topic] = ReceivedMessages(

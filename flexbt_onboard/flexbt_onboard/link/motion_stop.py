@@ -21,10 +21,12 @@ from geometry_msgs.msg import Pose, PoseStamped, Twist, TwistStamped
 from rclpy.qos import qos_profile_action_status_default
 
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.names import BT_EXECUTOR
 from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, ReceivedMessages, writer_name
 from flexbt_core.clock import Timer
 
 MOTION_ACTIONS: Final = (
+    BT_EXECUTOR,
     'navigate_to_pose',
     'navigate_through_poses',
     'follow_path',
@@ -36,14 +38,15 @@ MOTION_ACTIONS: Final = (
     'dock_robot',
     'undock_robot',
 )
-"""Actions of Nav2 that move the robot, by their default names."""
+"""Actions that move the robot, by their default names: trees of the BT server, and those of Nav2."""
 
 _FRONT: Final = {
-    'dock_robot': 0,
-    'undock_robot': 0,
-    'follow_waypoints': 1,
-    'navigate_to_pose': 2,
-    'navigate_through_poses': 2,
+    BT_EXECUTOR: 0,
+    'dock_robot': 1,
+    'undock_robot': 1,
+    'follow_waypoints': 2,
+    'navigate_to_pose': 3,
+    'navigate_through_poses': 3,
 }
 """Those of them by which other programs send the robot somewhere, each through servers of those that follow. They are
 asked in this order, before the rest: one whose own goal was taken away by somebody else has failed, and was not
@@ -67,7 +70,8 @@ where the robot is kept at rest."""
 _LEAST_SECONDS: Final = 1.0
 """Zero velocity is commanded for so long at least, and again when the robot moves."""
 
-_GOES_ON: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING))
+_BEGINS: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING))
+_GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
 
 _REST_SECONDS: Final = 0.3
 _REST_METRES: Final = 0.01
@@ -120,7 +124,7 @@ class MotionStop:
     def prepare(self) -> None:
         """Know the servers already, so that a cancel need not wait for their discovery."""
         for name in self._servers():
-            self._services.link(CancelGoal, f'{name}/_action/cancel_goal')
+            self._services.link(CancelGoal, f'{name}/_action/cancel_goal').is_ready()  # or is so in a moment
             self._listen(name)
 
     @property
@@ -186,7 +190,10 @@ class MotionStop:
             except ValueError:
                 return  # no word of a server
             writers = self._writers(name) if received.writer == UNKNOWN_WRITER else {received.writer}
-            if any(goal.status in _GOES_ON for goal in goals):
+            statuses = {goal.status for goal in goals}
+            if not _BEGINS.isdisjoint(statuses) and self.is_holding:
+                self._cancel_all(name)  # a goal that came meanwhile does not move the robot until the next round
+            if not _GOES_ON.isdisjoint(statuses):
                 busy.update(writers)
             else:
                 busy.difference_update(writers)
@@ -200,9 +207,9 @@ class MotionStop:
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
 
-    def _cancel_all_of(self, names: Sequence[str]) -> None:
+    def _cancel_all_of(self, actions: Sequence[str]) -> None:
         """Ask each when those in front of it have answered, or in a moment."""
-        unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(names, key=_rank), _rank)]
+        unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(actions, key=_rank), _rank)]
         if self._patience is not None:
             self._patience.cancel()
 

@@ -25,20 +25,26 @@ from flexbt_onboard.link import MOTION_ACTIONS
 
 
 @dataclass(frozen=True)
-class ExecutiveParameters:
+class MotionParameters:
+    """How the robot is stopped without those who drive it; see :func:`declare_motion` for what each means."""
+
+    pose_topic: str = names.POSE
+    motion_actions: tuple[str, ...] = MOTION_ACTIONS
+    cmd_vel_topic: str = names.CMD_VEL
+    stamped_cmd_vel: bool = False
+
+
+@dataclass(frozen=True)
+class ExecutiveParameters(MotionParameters):
     """Values of the parameters; see :func:`declare_parameters` for what each means."""
 
-    peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR)
+    peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR, names.STOP_GUARD)
     peer_timeout: float = PEER_TIMEOUT
-    pose_topic: str = names.POSE
     places: Mapping[str, Place] = field(default_factory=dict)
     heartbeat_period: float = 0.5
     autonomy: int = 1
     authority_timeout: float = 30.0
     stop_timeout: float = STOP_TIMEOUT
-    motion_actions: tuple[str, ...] = MOTION_ACTIONS
-    cmd_vel_topic: str = names.CMD_VEL
-    stamped_cmd_vel: bool = False
     journal_directory: str = ''
     event_log_directory: str = ''
     event_log_size: int = EVENT_LOG_SIZE
@@ -62,43 +68,20 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         defaults.peers,
         'names of the nodes that missions depend on; an operator sees whether they are alive and ready',
     )
-    pose_topic = declare.text(
-        'pose_topic', defaults.pose_topic, 'topic of the robot pose (geometry_msgs/msg/PoseStamped) for the status'
-    )
-    try:
-        validate_topic_name(pose_topic)
-    except InvalidTopicNameException as error:
-        raise OnboardError(f'parameter pose_topic: {pose_topic!r} is not a topic: {error}') from None
     for name in peers:
         try:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
-    motion_actions = declare.texts(
-        'motion_actions',
-        defaults.motion_actions,
-        'actions that move the robot: all of their goals are canceled when a stop is not confirmed in time',
-    )
-    cmd_vel_topic = declare.text(
-        'cmd_vel_topic',
-        defaults.cmd_vel_topic,
-        'topic of the velocity commands, for zero velocity when a stop is not confirmed in time',
-    )
-    for parameter, values in (('motion_actions', motion_actions), ('cmd_vel_topic', (cmd_vel_topic,))):
-        for name in values:
-            try:
-                validate_topic_name(name)
-            except InvalidTopicNameException as error:
-                raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
     event_log_directory = declare.text(
         'event_log_directory',
         f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
         'directory of the event log of commands, decisions and transitions; empty for none',
     )
     return ExecutiveParameters(
+        **vars(declare_motion(declare)),
         peers=tuple(dict.fromkeys(peers)),
         peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
-        pose_topic=pose_topic,
         places=_places(
             declare.text(
                 'places',
@@ -136,11 +119,6 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             'seconds of wall time after a stop in which everything has to be confirmed at rest; '
             'a behavior that is not ends as an error then',
         ),
-        motion_actions=tuple(dict.fromkeys(motion_actions)),
-        cmd_vel_topic=cmd_vel_topic,
-        stamped_cmd_vel=declare.flag(
-            'enable_stamped_cmd_vel', defaults.stamped_cmd_vel, 'velocity commands are TwistStamped instead of Twist'
-        ),
         journal_directory=declare.text(
             'journal_directory',
             defaults.journal_directory,
@@ -175,6 +153,45 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             500_000_000,
             10**13,
             'bytes of address space that the process of a synthesis may take',
+        ),
+    )
+
+
+def declare_motion(declare: ParameterDeclarer) -> MotionParameters:
+    """Declare the parameters of a node that stops the robot, and read them.
+
+    Raises what :func:`declare_parameters` raises.
+    """
+    defaults = MotionParameters()
+    pose_topic = declare.text(
+        'pose_topic', defaults.pose_topic, 'topic of the robot pose (geometry_msgs/msg/PoseStamped)'
+    )
+    motion_actions = declare.texts(
+        'motion_actions',
+        defaults.motion_actions,
+        'actions that move the robot: all of their goals are canceled when a stop is not confirmed in time',
+    )
+    cmd_vel_topic = declare.text(
+        'cmd_vel_topic',
+        defaults.cmd_vel_topic,
+        'topic of the velocity commands, for zero velocity when a stop is not confirmed in time',
+    )
+    for parameter, values in (
+        ('pose_topic', (pose_topic,)),
+        ('motion_actions', motion_actions),
+        ('cmd_vel_topic', (cmd_vel_topic,)),
+    ):
+        for name in values:
+            try:
+                validate_topic_name(name)
+            except InvalidTopicNameException as error:
+                raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
+    return MotionParameters(
+        pose_topic=pose_topic,
+        motion_actions=tuple(dict.fromkeys(motion_actions)),
+        cmd_vel_topic=cmd_vel_topic,
+        stamped_cmd_vel=declare.flag(
+            'enable_stamped_cmd_vel', defaults.stamped_cmd_vel, 'velocity commands are TwistStamped instead of Twist'
         ),
     )
 

@@ -27,6 +27,7 @@ PACKAGES: Final[Mapping[str, str]] = {
     'onboard_executive': 'flexbt_onboard',
     'console': 'flexbt_console',
     'recorder': 'flexbt_console',
+    'stop_guard': 'flexbt_onboard',
     'run_report': 'flexbt_onboard',
 }
 """The package of each executable."""
@@ -37,6 +38,7 @@ MODULES: Final[Mapping[str, str]] = {
     'simulation': 'flexbt_sim.simulation',
     'bt_server': 'flexbt_server.node.bt_server',
     'onboard_executive': 'flexbt_onboard.node.onboard_executive',
+    'stop_guard': 'flexbt_onboard.node.stop_guard',
 }
 """What the executables of a robot run, which tests start often."""
 
@@ -104,10 +106,10 @@ class Stack:
     ) -> None:
         """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
 
-        Everything but the simulator follows simulated time, unless the parameters say otherwise.
+        Everything but the simulator and the stop guard follows simulated time, unless the parameters say otherwise.
         """
         namespace, _, base = name.rpartition('/')
-        settings = {} if base in ('simulator', 'simulation') else {'use_sim_time': 'true'}
+        settings = {} if base in ('simulator', 'simulation', 'stop_guard') else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
             settings['event_log_directory'] = str(self.directory)
         words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
@@ -149,6 +151,7 @@ class Stack:
         self.start('bt_server', bt_server)
         if not in_one:
             self.start('navigation')
+        self.start('stop_guard')
         self.start('onboard_executive', onboard_executive)
 
     def kill(self, name: str) -> float:

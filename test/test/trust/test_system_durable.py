@@ -28,7 +28,7 @@ NEAR = 0.5
 def stack(tmp_path: Path) -> Iterator[Stack]:
     with Stack(tmp_path) as stack:
         stack.start('simulator', {'speed_factor': str(SPEED)})
-        for name in ('navigation', 'bt_server'):
+        for name in ('navigation', 'bt_server', 'stop_guard'):
             stack.start(name)
         stack.start('onboard_executive', {'journal_directory': str(tmp_path)})
         yield stack

@@ -17,7 +17,7 @@ from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, uncontended_time
 
-ROBOT = frozenset({'simulator', 'navigation', 'bt_server', 'onboard_executive'})
+ROBOT = frozenset({'simulator', 'navigation', 'bt_server', 'stop_guard', 'onboard_executive'})
 KITCHEN = (10.0, 2.3)
 
 BRAKING_SECONDS = 0.26 / 2.5

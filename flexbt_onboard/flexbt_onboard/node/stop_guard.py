@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``stop_guard``: a small process that stops the robot when the executive does not answer a STOP.
+
+It hears the STOPs of operators on a topic of their own. When the executive has not said within :data:`GRACE_SECONDS`
+that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, whoever has given
+them, and commands zero velocity. It keeps the robot at rest, and repeats the STOP to the executive, until an executive
+has applied it: from then on the stop is the executive's, and the next start works as ever. It needs neither the
+executive nor a simulator, and runs beside Nav2 on a real robot.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+import uuid
+from collections import OrderedDict
+from typing import Any, Final
+
+from rclpy.event_handler import PublisherEventCallbacks
+
+from flexbt_common import names
+from flexbt_common.calls import ServiceLinks
+from flexbt_common.liveness import LivelinessToken
+from flexbt_common.runtime import (
+    COMPLAINT_SECONDS,
+    NodeRuntime,
+    ParameterDeclarer,
+    Received,
+    ReceivedMessages,
+    run_node,
+)
+from flexbt_common.values import make_sendable
+from flexbt_core.clock import Timer
+from flexbt_core.values import one_line, sendable
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog, ExecutiveStatus, StopGuardStatus
+from flexbt_onboard.commands import COMMAND_LENGTHS
+from flexbt_onboard.link import CommandIntake, MotionStop, RobotPose
+
+from .executive_parameters import MotionParameters, declare_motion
+
+GRACE_SECONDS: Final = 0.15
+"""For so long the executive may take to say that it has applied a STOP, before the guard carries it out as well."""
+
+REPEAT_SECONDS: Final = 0.5
+"""From one look at what the guard has stopped, and one STOP that it sends to the executive, to the next."""
+
+STATUS_BYTES: Final = 4_000_000
+"""Bytes of a status of the executive, at most."""
+
+STATUS_DEPTH: Final = 20
+"""Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
+
+_OPEN_STOPS: Final = 32
+"""STOPs without an answer that are remembered; while there are more, the robot is kept at rest all the same."""
+
+_KNOWN_STOPS: Final = 1024
+
+
+class StopGuard:
+    """The guard on one node. Made and used on the executor thread."""
+
+    def __init__(self, runtime: NodeRuntime, parameters: MotionParameters) -> None:
+        self._runtime = runtime
+        self._id = uuid.uuid4().hex
+        self._sequence = 0
+        self._open: OrderedDict[str, ExecutiveCommand] = OrderedDict()  # not applied by an executive, oldest first
+        self._known: OrderedDict[str, None] = OrderedDict()
+        self._carried_out: OrderedDict[str, None] = OrderedDict()
+        self._told: tuple[Any, ...] = ()
+        self._timer: Timer | None = None
+        node = runtime.node
+        self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.latched())
+        self._stops = node.create_publisher(
+            ExecutiveCommand,
+            names.EXECUTIVE_STOP,
+            names.stop(),
+            # An executive that has just come gets the STOP before an operator starts anything.
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._repeat()),
+        )
+        self._motion = MotionStop(
+            runtime,
+            ServiceLinks(runtime),
+            RobotPose(runtime, parameters.pose_topic).latest,
+            parameters.motion_actions,
+            parameters.cmd_vel_topic,
+            stamped=parameters.stamped_cmd_vel,
+        )
+        self._motion.prepare()
+        ReceivedMessages(
+            node,
+            ExecutiveStatus,
+            names.EXECUTIVE_STATUS,
+            names.latched(STATUS_DEPTH),
+            self._on_status,
+            STATUS_BYTES,
+            is_awaited=lambda: bool(self._open),
+        )
+        CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
+        LivelinessToken(runtime).set_ready(True)
+        self._publish()
+        runtime.on_close(lambda: runtime.call(self._motion.release))
+
+    def _on_stop(self, stop: ExecutiveCommand, _writer: bytes) -> None:
+        """An operator stops the robot, for the first time or again; or the guard has repeated that."""
+        stop_id = str(stop.id)
+        if not 0 < len(stop_id) <= COMMAND_LENGTHS['id']:
+            stop.id = stop_id = uuid.uuid4().hex  # it stops all the same, and nobody hears what became of it
+        if stop_id in self._known:
+            return
+        self._known[stop_id] = None
+        if len(self._known) > _KNOWN_STOPS:
+            self._known.popitem(last=False)
+        operator = one_line(stop.operator_id, COMMAND_LENGTHS['operator_id'])
+        self._open[stop_id] = ExecutiveCommand(
+            id=stop_id, stamp=stop.stamp, kind=ExecutiveCommand.STOP, operator_id=operator, run_id=stop.run_id[:128]
+        )
+        if len(self._open) > _OPEN_STOPS:
+            self._open.popitem(last=False)
+        if self._motion.is_holding:
+            self._carry_out()
+        elif self._timer is None:
+            self._motion.prepare()  # for servers that have come since
+            self._timer = self._runtime.post_in(GRACE_SECONDS, self._hold)
+
+    def _on_status(self, received: Received) -> None:
+        try:
+            status = received.unpack(ExecutiveStatus)
+        except ValueError as error:
+            text = f'{names.EXECUTIVE_STATUS}: left aside: {one_line(str(error))}'
+            self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)
+            return
+        applied = {result.command_id for result in status.results if result.code == CommandResult.APPLIED}
+        answered = next((stop_id for stop_id in reversed(self._open) if stop_id in applied), None)
+        while answered in self._open:  # whoever has applied the last one has applied those before it
+            self._open.popitem(last=False)
+        if answered is not None and not self._open:
+            self._release()
+
+    def _hold(self) -> None:
+        self._motion.hold()
+        who = self._latest.operator_id or 'nobody'
+        self._runtime.node.get_logger().error(
+            f'STOP of {who!r}: the executive has not answered. The stop guard keeps the robot at rest until it does'
+        )
+        self._carry_out()
+
+    def _carry_out(self) -> None:
+        """What was not answered is stopped by the guard, and the executive hears of it again and again."""
+        for stop_id in self._open:
+            self._carried_out[stop_id] = None
+        while len(self._carried_out) > _OPEN_STOPS:
+            self._carried_out.popitem(last=False)
+        self._publish()
+        self._repeat()
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._runtime.post_in(REPEAT_SECONDS, self._carry_out)
+
+    def _repeat(self) -> None:
+        if self._open and self._motion.is_holding:
+            self._stops.publish(self._latest)
+
+    def _release(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._motion.is_holding:
+            self._motion.drop_cancels()
+            self._motion.release()
+            self._runtime.node.get_logger().info('an executive has applied the STOP: the stop guard lets the robot go')
+            self._publish()
+
+    @property
+    def _latest(self) -> ExecutiveCommand:
+        return self._open[next(reversed(self._open))]
+
+    def _publish(self) -> None:
+        """Send a status, if anything is new in it."""
+        is_holding = self._motion.is_holding
+        operator = self._latest.operator_id if is_holding else ''
+        going_on = sorted({*self._motion.going_on.values()}) if is_holding else []
+        told = (is_holding, operator, tuple(self._carried_out), going_on)
+        if told == self._told:
+            return
+        self._told = told
+        self._sequence += 1
+        status = StopGuardStatus(
+            stamp=self._runtime.clock.stamp(),
+            guard_id=self._id,
+            sequence=self._sequence,
+            holding=is_holding,
+            operator_id=operator,
+            results=[CommandResult(command_id=one, code=CommandResult.APPLIED) for one in self._carried_out],
+            going_on=going_on,
+        )
+        make_sendable(status)
+        self._status.publish(status)
+
+
+def _log(runtime: NodeRuntime, severity: int, text: str) -> None:
+    logger = runtime.node.get_logger()
+    if severity >= ExecutiveLog.ERROR:
+        logger.error(sendable(text))
+    else:
+        logger.warning(sendable(text))
+
+
+def open_stop_guard(runtime: NodeRuntime) -> StopGuard:
+    """Make the guard from the parameters of the node."""
+    return runtime.call(lambda: StopGuard(runtime, declare_motion(ParameterDeclarer(runtime.node))))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
+    return run_node(names.STOP_GUARD, open_stop_guard, args, about=__doc__)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
