@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A pytest plugin: every test run has a ROS domain of its own, messages that check their fields, and the time it needs.
+"""A pytest plugin: every test run has a ROS domain of its own, messages that check their fields, and the time it needs;
+a test in which locks are taken in orders that may meet fails (:mod:`flexbt_testing.lock_order`).
 
 The workspace's pyproject.toml loads it (``-p flexbt_testing.pytest_plugin``). Test runs can then go on at the same
 time, and beside a robot, without meeting.
@@ -9,11 +10,15 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import pytest
+
+from flexbt_testing import lock_order
 
 HOSTILE_YAML: Final[Mapping[str, str]] = {
     'nested lists': '[' * 100_000 + ']' * 100_000,
@@ -40,11 +45,13 @@ HOSTILE_YAML: Final[Mapping[str, str]] = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests() -> None:
-    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later.
+    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later. Before
+    any lock is made: they are watched.
 
     No garbage is collected until the tests run: what they import stays.
     """
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+    lock_order.watch_locks()
     gc.disable()
 
 
@@ -71,10 +78,30 @@ def pytest_runtestloop() -> None:
     gc.enable()
 
 
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown() -> Iterator[None]:
+    """A test fails in which the order of locks has turned out to be wrong, when all that it has made is closed."""
+    yield
+    problems = list(lock_order.take_problems())
+    if problems:
+        pytest.fail('\n\n'.join(problems), pytrace=False)
+
+
 def entities_of(node: Any) -> Counter[type]:
     """What there is on a node, by kind; to be called on its executor thread."""
     kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
     return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart() -> None:
+    """A directory for what processes find out about their locks."""
+    os.environ[lock_order.DIRECTORY] = tempfile.mkdtemp(prefix='flexbt_locks_')
+
+
+def pytest_sessionfinish() -> None:
+    """Nobody looks there any more."""
+    shutil.rmtree(os.environ.pop(lock_order.DIRECTORY), ignore_errors=True)
 
 
 @pytest.fixture(scope='session', autouse=True)

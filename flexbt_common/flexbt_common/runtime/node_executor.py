@@ -98,7 +98,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
         super().__init__(context=node.context)
         self._on_fault = on_fault
         self._on_turn = on_turn
-        self.simulated_time = SimulatedTime(on_fault)
+        self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
         self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
         self.add_node(node)
 
@@ -135,7 +135,7 @@ class NodeExecutor(OpenExecutor):
     ) -> None:
         super().__init__(context=node.context)
         self.later = later
-        self.simulated_time = SimulatedTime(on_fault)
+        self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
         self._node = node
         self._on_fault = on_fault
         self._on_turn = on_turn

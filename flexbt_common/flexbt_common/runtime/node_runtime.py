@@ -56,7 +56,9 @@ from .node_log import NodeLogger, StandardStreams
 from .parameters import refusing_unknown_types, unknown_parameters
 from .ros_clock import RosClock
 
+from .received_messages import COMPLAINT_SECONDS
 __all__ = ['NodeRuntime', 'run_node']
+from .sender_rates import RepeatedReports
 
 T = TypeVar('T')
 
@@ -189,6 +191,7 @@ class NodeRuntime:
     @contextlib.contextmanager
     def open(
         cls,
+        self._reports = RepeatedReports(COMPLAINT_SECONDS, self.steady.now)
         name: str,
         *,
         args: Sequence[str] | None = (),
@@ -321,14 +324,22 @@ class NodeRuntime:
         self._on_close.append(fn)
 
     def on_fault(self, fn: Callable[[BaseException], None]) -> None:
-        """Have ``fn`` told each exception that a callback let escape, on the executor thread."""
+        """Have ``fn`` told each exception that is reported, see :meth:`report_fault`, on the thread that reports it."""
         self._on_fault.append(fn)
 
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
-        """Log an exception that a callback let escape, and tell the observers. Never raises."""
+        """Log an exception that a callback let escape, and tell the observers; from any thread. Never raises.
+
+        Of exceptions of the same type from the same line, one is reported in COMPLAINT_SECONDS: what others send may
+        cause any number of them.
+        """
+        held = self._reports.held_before((type(error), where, _place_of(error)))
+        if held is None:
+            return
         text = ''.join(traceback.format_exception(error)).rstrip()
         shown = '\n'.join(lines(text, _TRACE_LINES))  # it may quote what others have written
-        self.node.get_logger().error(f'{where} raised; the node goes on:\n{shown}')
+        again = f' ({held} times more since this was reported)' if held else ''
+        self.node.get_logger().error(f'{where} raised{again}; the node goes on:\n{shown}')
         for observer in self._on_fault:
             try:
                 observer(error)
@@ -492,6 +503,14 @@ def run_node(
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
         print(_HELP.format(name=name, about=(about or '').strip()))
         return 0
+def _place_of(error: BaseException) -> tuple[str, int]:
+    """Return the file and line that raised it."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return ('', 0) if trace is None else (trace.tb_frame.f_code.co_filename, trace.tb_lineno)
+
+
     try:
         unknown = remove_ros_args([name, *given])[1:]
     except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
-from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.clock import Clock, ClockChange, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
 from flexbt_core.clock import Timer, TimerQueue
@@ -20,6 +20,8 @@ from .simulated_time import SimulatedTime
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds; a timer that is farther away is checked again then. rcl counts nanoseconds in 64 bits."""
+_LONGEST_STEP = 3600 * _NANOSECONDS
+"""What simulated time may go on from one message to the next; more is a jump."""
 
 
 class Host(Protocol):
@@ -42,10 +44,11 @@ class Host(Protocol):
 class RosClock:
     """Time of the node in seconds, and timers on it, called on the executor thread.
 
-    The time equals ROS time until the latter jumps back (simulation reset), or a computer's clock is set: such a jump
-    is taken out, so that this time never goes back, and whoever waits for two more seconds does so. So is the jump
-    with which simulated time begins, from 0 to the first message of /clock, when somebody has asked for the time
-    before. Time stamps of messages are ROS time: take them from :meth:`stamp`.
+    The time equals ROS time until the latter jumps back (simulation reset), jumps ahead by an hour or more in one
+    message (another recording), or a computer's clock is set: such a jump is taken out, so that this time never goes
+    back, and whoever waits for two more seconds does so. So is the jump with which simulated time begins, from 0 to the
+    first message of /clock, when somebody has asked for the time before. Time stamps of messages are ROS time: take
+    them from :meth:`stamp`. ``jumps`` counts the jumps of simulated time, ``last_jump`` is the newest, s.
 
     One rclpy timer serves all timers, set to the earliest. While time is not simulated, it is one of the steady clock:
     one of the system's clock would wait for an hour more when that is set back by an hour.
@@ -57,17 +60,22 @@ class RosClock:
         self._lock = threading.Lock()
         self._wall = time.time_ns() - time.monotonic_ns()
         self._offset = 0  # ns
+        self._is_jumping = False
+        self.jumps = 0
+        self.last_jump = 0.0
         self._last = self._raw()
         self._began = self._last > 0
         self._asked = False
         self._timers = TimerQueue()
         self._timer: Any = None
         self._set_clock_of_timer()
-        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+        threshold = JumpThreshold(
+            min_forward=Duration(nanoseconds=_LONGEST_STEP),
+            min_backward=Duration(nanoseconds=-1),
+            on_clock_change=True,
+        )
         self._jump_handle = self._ros_clock.create_jump_callback(
-            threshold,
-            pre_callback=self._now,  # the last moment at which the time before the jump can be read
-            post_callback=lambda _jump: runtime.post(self._set_timer),
+            threshold, pre_callback=self._before_jump, post_callback=self._after_jump
         )
 
     def now(self) -> float:
@@ -102,11 +110,25 @@ class RosClock:
         with self._lock:  # reading inside the lock: two threads must not take each other for a jump
             raw = self._raw()
             begins = raw > 0 and not self._began
-            if raw < self._last or (begins and self._asked):
+            leaps = self._is_jumping and raw > self._last + _LONGEST_STEP
+            if raw < self._last or (self._asked if begins else leaps):
                 self._offset += self._last - raw
             self._began = self._began or begins
             self._last = raw
             return int(raw + self._offset)
+
+    def _before_jump(self) -> None:
+        self._now()  # the last moment at which the time before the jump can be read
+        self._is_jumping = True
+
+    def _after_jump(self, jump: TimeJump) -> None:
+        began = self._began
+        self._now()
+        self._is_jumping = False
+        if began and int(jump.clock_change) == ClockChange.ROS_TIME_NO_CHANGE:
+            self.last_jump = jump.delta.nanoseconds / _NANOSECONDS
+            self.jumps += 1
+        self._runtime.post(self._set_timer)
 
     def _raw(self) -> int:
         if self._ros_clock.ros_time_is_active:

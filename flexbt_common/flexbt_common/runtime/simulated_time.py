@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from builtin_interfaces.msg import Time
 from rclpy.clock import ROSClock
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
@@ -31,17 +32,24 @@ LONGEST_WAIT: Final = 0.2
 own clock goes, when it is read without a :class:`flexbt_common.runtime.RosClock`. Longer than the period by which a
 node at rest is asked whether it answers (health.py), which wakes it anyway."""
 
+_NANOSECONDS: Final = 1_000_000_000
+
 
 class SimulatedTime:
     """Brings the newest message of /clock to rclpy's clocks. From any thread.
 
     ``subscription`` is rclpy's own one, which the executor finds; None while nobody but the executor is to take from
-    it, or time is not simulated. ``on_fault`` is told what a callback of a jump of time lets escape.
+    it, or time is not simulated. ``post_fault`` gets what a callback of a jump of time lets escape: on the thread of
+    whoever asks for the time, which may hold any lock, so it must only keep it for later.
+
+    ``refused`` are messages that were no time, and were dropped; ``last_refused`` is the newest of them.
     """
 
-    def __init__(self, on_fault: Callable[[Exception], None]) -> None:
-        self._on_fault = on_fault
+    def __init__(self, post_fault: Callable[[Exception], object]) -> None:
+        self._post_fault = post_fault
         self.subscription: Subscription | None = None
+        self.refused = 0
+        self.last_refused = Time()
         self._lock = threading.RLock()
         self._stands_still = False
 
@@ -60,7 +68,7 @@ class SimulatedTime:
         except InvalidHandle:
             self.subscription = None  # time is not simulated any more
         except Exception as error:
-            self._on_fault(error)
+            self._post_fault(error)
         finally:
             self._lock.release()
 
@@ -77,8 +85,14 @@ class SimulatedTime:
     def _take(self, subscription: Subscription) -> None:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, False)
-        if taken is not None:
-            subscription.callback(taken[0])
+        if taken is None:
+            return
+        time = taken[0].clock
+        if time.sec < 0 or time.nanosec >= _NANOSECONDS:
+            self.last_refused = time
+            self.refused += 1
+            return
+        subscription.callback(taken[0])
 
 
 class ListeningTime:

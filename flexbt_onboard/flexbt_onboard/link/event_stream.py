@@ -47,9 +47,10 @@ class EventStream:
         """Take an event of the event log; those that are neither transitions nor decided commands are none here."""
         if event != 'left' and not (event == 'command' and fields.get('effect') in ('applied', 'refused')):
             return
+        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
         with self._lock:
             self._count += 1
-            self._waiting.append((self._runtime.clock.stamp(), event, fields))
+            self._waiting.append((stamp, event, fields))
             if self._is_planned:
                 return
             self._is_planned = True

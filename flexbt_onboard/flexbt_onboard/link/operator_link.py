@@ -123,7 +123,7 @@ class OperatorLink:
             with self._log_lock:  # numbers are published in their order
                 self._log_sequence += 1
                 message = ExecutiveLog(
-                    stamp=self._runtime.clock.stamp(),
+                    stamp=stamp,
                     sequence=self._log_sequence,
                     executive_id=self._executive_id,
                     run_id=run_id,
@@ -138,6 +138,7 @@ class OperatorLink:
         line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
         _log_to_node(self._runtime.node, severity, line)
 
+        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
 
 def _pose(place: Place) -> PoseStamped:
     pose = PoseStamped()

@@ -74,16 +74,18 @@ class CallbackWatch:
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._is_watching = False
-            self._observe(None)
+            returned = self._observe(None)
             if self._timer is not None:
                 self._timer.cancel()
+        self._tell_returned(returned)
 
     @property
     def held(self) -> HeldUp | None:
         """The callback that takes longer than the limit now. From any thread."""
         with self._lock:
-            self._observe(self._calling() if self._is_watching else None)
+            returned = self._observe(self._calling() if self._is_watching else None)
             held = self._present()
+        self._tell_returned(returned)
         return held if held is not None and held.seconds >= LIMIT else None
 
     def _arm(self) -> None:
@@ -94,23 +96,27 @@ class CallbackWatch:
             if not self._is_watching:
                 return
             self._arm()
-            self._observe(self._calling())
+            returned = self._observe(self._calling())
             held = self._present()
-            if held is None or held.seconds < LIMIT:
-                return
-            told = held.path, held.callback
-            if told not in self._told:
-                self._told.add(told)
+            is_new = held is not None and held.seconds >= LIMIT and (held.path, held.callback) not in self._told
+            if held is not None and is_new:
+                self._told.add((held.path, held.callback))
                 self._is_shown = True
-                self._held_up(held)
+        self._tell_returned(returned)
+        if held is not None and is_new:
+            self._held_up(held)
 
-    def _observe(self, calling: Calling | None) -> None:
+    def _observe(self, calling: Calling | None) -> HeldUp | None:
+        """Note what is called now, with the lock; return what has returned of which it was told that it takes long."""
         if calling is self._seen:
-            return
-        before = self._present()
-        if self._is_shown and before is not None:
-            self._returned(before)
+            return None
+        returned = self._present() if self._is_shown else None
         self._seen, self._since, self._is_shown = calling, self._steady.now(), False
+        return returned
+
+    def _tell_returned(self, returned: HeldUp | None) -> None:
+        if returned is not None:  # without the lock, which who asks for the status needs
+            self._returned(returned)
 
     def _present(self) -> HeldUp | None:
         seen = self._seen

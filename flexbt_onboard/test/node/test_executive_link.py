@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import subprocess
@@ -112,6 +113,55 @@ def tell_time(runtime: NodeRuntime) -> None:
         runtime.steady.call_at(runtime.steady.now() + 0.05, publish)
 
     publish()
+
+
+THIRTY_YEARS = 30 * 365 * 86_400
+BAD_TIMES: dict[str, Callable[[int], list[Time]]] = {
+    'negative': lambda number: [Time(sec=-3 - number)],
+    'nanoseconds of more than a second': lambda number: [Time(sec=5, nanosec=4_000_000_000)],
+    'thirty years to and fro': lambda number: [Time(sec=5 + number % 2 * THIRTY_YEARS, nanosec=number * 1000)],
+    'two publishers': lambda number: [Time(sec=5, nanosec=number * 1000), Time(sec=9000, nanosec=number * 1000)],
+    'back and on': lambda number: [Time(sec=1000 - number % 500)],
+    'a flood': lambda number: [Time(sec=number, nanosec=part) for part in range(100)],
+}
+
+
+@pytest.mark.parametrize('kind', BAD_TIMES)
+def test_bad_times_on_clock_keep_no_operator_from_stopping(make_bench: Make, kind: str) -> None:
+    bench = make_bench(
+        ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
+    )
+    with contextlib.ExitStack() as stack:
+        runtimes = [stack.enter_context(NodeRuntime.open(name)) for name in ('simulator', 'other')]
+        publishers = [
+            runtime.call(lambda runtime=runtime: runtime.node.create_publisher(Clock, names.CLOCK, 10))
+            for runtime in runtimes
+        ]
+        wait_until(lambda: all(one.get_subscription_count() == 1 for one in publishers), 'the executive on /clock')
+        publishers[0].publish(Clock(clock=Time(sec=4)))
+        bench.start()
+        bench.wait_active('/A')
+        stopped = threading.Event()
+
+        def publish() -> None:
+            for number in itertools.count():
+                for time_message, publisher in zip(BAD_TIMES[kind](number), itertools.cycle(publishers), strict=False):
+                    publisher.publish(Clock(clock=time_message))
+                if stopped.wait(0.001):
+                    return
+
+        thread = threading.Thread(target=publish)
+        stack.callback(thread.join)
+        stack.callback(stopped.set)
+        thread.start()
+        for number in range(40):
+            bench.applied(ExecutiveCommand.NOTE, text=f'note {number}')  # log, events and status ask for the time
+        sequence = bench.status.sequence
+        bench.wait_for(lambda status: status.sequence > sequence, 'a heartbeat')
+        bench.applied(ExecutiveCommand.STOP)
+        assert bench.wait_idle() == 'preempted'
+    faults = [line.text for line in bench.logs if line.severity >= ExecutiveLog.WARN and names.CLOCK not in line.text]
+    assert len(faults) <= 1, faults
 
 
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')

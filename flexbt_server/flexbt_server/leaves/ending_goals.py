@@ -93,10 +93,10 @@ class EndingGoals:
 
     def in_the_way_of(self, action: str, resources: Collection[str]) -> tuple[str, ...]:
         """What has to end before a goal for this action with these actuators is sent."""
+        if not self._alarms:
+            return ()
+        server = self._resolve(action)
         with self._lock:
-            if not self._alarms:
-                return ()
-            server = self._resolve(action)
             return tuple(
                 goal.description
                 for goal in self._alarms

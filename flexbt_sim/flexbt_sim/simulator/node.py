@@ -263,19 +263,20 @@ class Simulator:
         for topics in self._robots.values():
             topics.publish_server_faults()
 
-    def _log_events(self) -> None:
-        """Say which faults have begun, and which are over; and who has entered a no-go zone."""
-        log = self.runtime.node.get_logger()
+    def _events(self) -> list[str]:
+        """Return which faults have begun, and which are over; and who has entered a no-go zone."""
+        events = []
         for robot in self.world.robots.values():
             if robot.violations > self._logged_violations.get(robot.name, 0):
                 there = [name for name in robot.zones if self.world.zones[name].model.kind == 'no_go']
-                log.warning(f'{robot.name} has entered a no-go zone: {", ".join(there)}')
+                events.append(f'{robot.name} has entered a no-go zone: {", ".join(there)}')
         self._logged_violations = {name: robot.violations for name, robot in self.world.robots.items()}
         begun = self.world.begun_faults
         for faults, what in ((begun - self._logged_faults, 'begins'), (self._logged_faults - begun, 'is over')):
             for one in sorted(faults, key=lambda one: (one.begins, one.entity, one.parameters.slot)):
-                log.warning(f'{one.entity}: {one.parameters} {what}')
+                events.append(f'{one.entity}: {one.parameters} {what}')
         self._logged_faults = begun
+        return events
 
     def _tell_scene(self) -> None:
         """What somebody sees of the world, if it is not as it was, though time may stand still. Under the lock."""
@@ -358,7 +359,7 @@ class Simulator:
             self.world.step()
             self._steps += 1
             self._publish_faults()
-            self._log_events()
+            events = self._events()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
             # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:
@@ -367,6 +368,8 @@ class Simulator:
                 moves = self._steps % (self._steps_per_odom if topics.is_busy else self._steps_per_rest) == 0
                 if moves or topics.has_messages:
                     messages += topics.messages(self.world.time, stamp, moves=moves)
+        for event in events:  # without the lock: commands wait for it
+            self.runtime.node.get_logger().warning(event)
         if messages or is_single or self._steps % per_clock == 0:
             # First, so that no message is from the future.
             self._clock.publish(self._clock_bytes.filled(*stamp))

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common.executables import load, run_main
+from flexbt_testing.lock_order import watch_locks_if_asked
 from flexbt_testing.system.hold_up import listen
 
 AVAILABLE: Final = hasattr(os, 'pidfd_open')
@@ -207,6 +208,7 @@ def main() -> int:
     """Load the modules and serve; a fork runs the ``main()`` of its module, and gives its exit code."""
     descriptor, first, *others = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    watch_locks_if_asked()
     load(first)
     gc.disable()  # as `load` does
     for name in others:

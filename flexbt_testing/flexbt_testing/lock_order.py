@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Finds deadlocks that have not happened: in which order threads take the locks of FlexBT, and what they wait for.
+
+:func:`watch_locks` has each lock that is made in a package of FlexBT from then on remember who holds it. A problem is
+
+- a thread that takes a lock which it holds already, and which is no RLock: it would wait forever. It gets an error;
+- two locks that are taken in both orders, by whatever threads, at whatever times: two of these meet some day.
+  Locks made by the same line of code are one here;
+- a thread that waits for an event, a result or another thread, with no time limit or a long one, while it holds a
+  lock: whoever is to wake it may want that lock first.
+
+Each problem is reported once, with the stacks. The pytest plug-in fails the test in which one turns up, in the process
+of the tests or in one that was forked for it (:mod:`flexbt_testing.system.fork_server`).
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+DIRECTORY: Final = 'FLEXBT_LOCK_PROBLEMS'
+"""Environment variable: the directory in which a process leaves its problems, a file each."""
+
+LONG_SECONDS: Final = 1.0
+"""To wait this long with a lock held is a problem, s; within less, a wait is over."""
+
+_REAL_LOCK: Final = threading.Lock
+_REAL_RLOCK: Final = threading.RLock
+_REAL_CONDITION: Final = threading.Condition
+_REAL_WAIT: Final = threading.Condition.wait
+_REAL_JOIN: Final = threading.Thread.join
+_STARTS_THREAD: Final = 'self._started.wait()'
+_OURS: Final = 'flexbt_'
+_LENT: Final = 'node_executor.py'
+"""Where the turn of an executor is made, which its thread holds whatever it calls: a callback may wait."""
+
+
+class _Record:
+    """What has been seen in this process."""
+
+    def __init__(self) -> None:
+        self.lock = _REAL_LOCK()
+        self.after: dict[str, dict[str, str]] = {}  # by place of a lock, those taken while it is held, and the stack
+        self.problems: dict[tuple[str, ...], str] = {}
+        self.held = threading.local()
+
+    def held_here(self) -> list[_Watched]:
+        held: list[_Watched] | None = getattr(self.held, 'locks', None)
+        if held is None:
+            held = self.held.locks = []
+        return held
+
+    def taken(self, held: list[_Watched], lock: _Watched) -> None:
+        for other in held:
+            known = self.after.get(other.place)
+            if other.place != lock.place and (known is None or lock.place not in known):
+                self._add(other.place, lock.place)
+
+    def report(self, kind: tuple[str, ...], text: str) -> None:
+        if kind in self.problems:
+            return
+        self.problems[kind] = text
+        directory = os.environ.get(DIRECTORY)
+        if directory:
+            with suppress(OSError):  # the test that wanted to know is over
+                name = f'{os.getpid()}_{len(self.problems)}'
+                unfinished = Path(directory, f'.{name}')
+                unfinished.write_text(f'process {os.getpid()} ({" ".join(sys.argv[:2])}): {text}')
+                unfinished.rename(Path(directory, name))
+
+    def _add(self, first: str, second: str) -> None:
+        stack = _stack()
+        with self.lock:
+            self.after.setdefault(first, {})[second] = stack
+            back = self._way(second, first)
+        if back:
+            others = '\n'.join(f'{two} is taken while {one} is held:\n{self.after[one][two]}' for one, two in back)
+            self.report(
+                tuple(sorted({first, second})),
+                f'locks are taken in both orders.\n{second} is taken while {first} is held:\n{stack}\n{others}',
+            )
+
+    def _way(self, first: str, last: str) -> list[tuple[str, str]]:
+        """Return the steps from one lock to another one, by those that are taken while others are held."""
+        ways: list[list[str]] = [[first]]
+        seen = {first}
+        for way in ways:
+            for following in self.after.get(way[-1], ()):
+                if following == last:
+                    return list(zip(way, [*way[1:], last], strict=True))
+                if following not in seen:
+                    seen.add(following)
+                    ways.append([*way, following])
+        return []
+
+
+_record = _Record()
+
+
+class _Watched:
+    """A lock that remembers which thread holds it."""
+
+    is_reentrant = False
+
+    def __init__(self, place: str) -> None:
+        self.place = place
+        self._lock: Any = _REAL_RLOCK() if self.is_reentrant else _REAL_LOCK()
+        self._holder: list[_Watched] = []
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        held = _record.held_here()
+        if held and blocking and timeout < 0.0 and not (self.is_reentrant and self in held):
+            if self in held:
+                text = f'{self.place} is taken by a thread that holds it:\n{_stack()}'
+                _record.report((self.place,), text)
+                raise RuntimeError(text)
+            _record.taken(held, self)
+        if not self._lock.acquire(blocking, timeout):
+            return False
+        self._holder = held
+        held.append(self)
+        return True
+
+    def release(self) -> None:
+        with suppress(ValueError):
+            self._holder.remove(self)  # that of another thread, where a lock is handed on
+        self._lock.release()
+
+    def locked(self) -> bool:
+        return bool(self._lock.locked())
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+class _WatchedRLock(_Watched):
+    is_reentrant = True
+
+    # What a condition asks of its lock.
+
+    def _is_owned(self) -> bool:
+        return self in _record.held_here()
+
+    def _release_save(self) -> int:
+        count = _record.held_here().count(self)
+        for _ in range(count):
+            self.release()
+        return count
+
+    def _acquire_restore(self, count: int) -> None:
+        for _ in range(count):
+            self.acquire()
+
+
+def watch_locks() -> None:
+    """Watch the locks that are made from now on, in this process and its forks. May be called twice."""
+    threading.Lock = _lock  # type: ignore[assignment]
+    threading.RLock = _rlock  # type: ignore[assignment]
+    threading.Condition = _condition  # type: ignore[assignment, misc]
+    _REAL_CONDITION.wait = _wait  # type: ignore[method-assign]
+    threading.Thread.join = _join  # type: ignore[method-assign]
+    os.register_at_fork(after_in_child=_forget_others)
+
+
+def watch_locks_if_asked() -> None:
+    """As :func:`watch_locks`, in a process that was started by one which looks for problems."""
+    if DIRECTORY in os.environ:
+        watch_locks()
+
+
+def take_problems() -> Iterator[str]:
+    """Yield the problems that turned up since this was called last, in this process and those that it has started."""
+    _record.problems.update(dict.fromkeys(_record.problems, ''))
+    for file in sorted(Path(os.environ[DIRECTORY]).glob('[0-9]*')):
+        yield file.read_text()
+        file.unlink()
+
+
+def _forget_others() -> None:
+    """In a fork there is one thread, and the locks of the others are nobody's."""
+    _record.lock = _REAL_LOCK()
+
+
+def _lock() -> Any:
+    place = _place()
+    return _Watched(place) if place else _REAL_LOCK()
+
+
+def _rlock() -> Any:
+    place = _place()
+    return _WatchedRLock(place) if place else _REAL_RLOCK()
+
+
+def _condition(lock: Any = None) -> Any:
+    if lock is None and (place := _place()):
+        lock = _WatchedRLock(place)
+    return _REAL_CONDITION(lock)
+
+
+def _wait(self: Any, timeout: float | None = None) -> bool:
+    _check_wait(self._lock, timeout)
+    return _REAL_WAIT(self, timeout)
+
+
+def _join(self: threading.Thread, timeout: float | None = None) -> None:
+    _check_wait(None, timeout)
+    _REAL_JOIN(self, timeout)
+
+
+def _check_wait(own: Any, timeout: float | None) -> None:
+    if timeout is not None and timeout < LONG_SECONDS:
+        return
+    held = [one.place for one in _record.held_here() if one is not own and not one.place.startswith(_LENT)]
+    if held:
+        stack = _stack()
+        if _STARTS_THREAD in stack:
+            return  # of a thread, which lets go of it before it runs anything of ours
+        limit = 'no limit' if timeout is None else f'a limit of {timeout:g} s'
+        _record.report(('wait', *held), f'a thread waits, with {limit}, while {", ".join(held)} is held:\n{stack}')
+
+
+def _place() -> str:
+    """Return the place of the code of FlexBT that makes a lock; '' when somebody else does."""
+    frame = _caller()
+    name = str(frame.f_globals.get('__name__', ''))
+    return f'{Path(frame.f_code.co_filename).name}:{frame.f_lineno} ({name})' if name.startswith(_OURS) else ''
+
+
+def _stack() -> str:
+    return ''.join(traceback.format_stack(_caller())).rstrip()
+
+
+def _caller() -> FrameType:
+    """Return the innermost call that is not of this module."""
+    frame = inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename == __file__ and frame.f_back is not None:
+        frame = frame.f_back
+    assert frame is not None
+    return frame
