@@ -5,7 +5,16 @@ from .command_builder import CommandBuilder
 from .command_line import COMMON_OPTIONS, check, parse
 from .completion import Offer, candidates, offers
 from .help import EXIT_CODES, command_help, overview, prompt_command_help, prompt_help
-from .operator_values import autonomy_level, full_namespace, load_places, port_number, start_input, value_text
+from .operator_values import (
+    autonomy_level,
+    full_namespace,
+    limits_text,
+    load_places,
+    parameter_value,
+    port_number,
+    start_input,
+    value_text,
+)
 from .registry import COMMANDS, build, find
 from .shell_completion import TypedLine, as_typed, completion_script, read_line, shell_words
 from .showing import SCAN_PERIOD
@@ -63,9 +72,11 @@ __all__ = [
     'completion_script',
     'find',
     'full_namespace',
+    'limits_text',
     'load_places',
     'offers',
     'overview',
+    'parameter_value',
     'parse',
     'port_number',
     'prompt_command_help',

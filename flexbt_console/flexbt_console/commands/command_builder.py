@@ -26,7 +26,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_core.values import hint, shown
 
-from .operator_values import answer
+from .operator_values import answer, parameter_value
 
 
 class CommandBuilder:
@@ -314,6 +314,4 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]])
         if parameter is None:
             known = ', '.join(parameters) or 'none'
             raise RefusedError(f'behavior {shown(name)} has no parameter {shown(key)}; its parameters: {known}')
-        if parameter.choices and value not in parameter.choices:
-            allowed = ', '.join(parameter.choices)
-            raise RefusedError(f'parameter {shown(key)}: {shown(value)} is none of its choices ({allowed})')
+        parameter_value(parameter, value)

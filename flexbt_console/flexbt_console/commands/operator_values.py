@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
-from flexbt_console.mirror import LIVENESS, AutonomyLevel, Decision, InputValue, Pose, plain_type
+from flexbt_console.mirror import LIVENESS, AutonomyLevel, BehaviorParameter, Decision, InputValue, Pose, plain_type
 from flexbt_core import values
 from flexbt_core.values import TextFileError, hint, read_text, shown
 
@@ -51,6 +51,46 @@ def assignment(text: str) -> tuple[str, str]:
     if not equals or not key:
         raise UsageError(f'{shown(text)}: expected PARAMETER=VALUE')
     return key, value
+
+
+_BOOLEANS: Final = frozenset({'true', 'yes', 'on', '1', 'false', 'no', 'off', '0'})
+
+
+def parameter_value(parameter: BehaviorParameter, text: str) -> str:
+    """Read the value of a parameter of a behavior. What its type is not known for is left to the executive.
+
+    Raises:
+        RefusedError: it is no value of its type, none of its choices, or beyond its limits.
+    """
+    where = f'parameter {shown(parameter.name)}: {shown(text)}'
+    if parameter.choices:
+        if text not in parameter.choices:
+            raise RefusedError(f'{where} is none of its choices ({", ".join(parameter.choices)})')
+        return text
+    if parameter.type == 'bool' and text.strip().lower() not in _BOOLEANS:
+        raise RefusedError(f'{where} is no bool; expected true or false')
+    if parameter.type in ('int', 'float'):
+        number = _number(text, int if parameter.type == 'int' else float)
+        if math.isnan(number):
+            expected = 'a whole number' if parameter.type == 'int' else 'a number'
+            raise RefusedError(f'{where} is no {parameter.type}; expected {expected}')
+        if number < _number(parameter.minimum, float) or number > _number(parameter.maximum, float):  # NaN is no limit
+            raise RefusedError(f'{where} is beyond its limits ({limits_text(parameter)})')
+    return text
+
+
+def _number(text: str, kind: type[int] | type[float]) -> float:
+    try:
+        return kind(text)
+    except ValueError:
+        return math.nan
+
+
+def limits_text(parameter: BehaviorParameter) -> str:
+    """The limits of a parameter with its unit, as in ``from 0 to 1 m/s``; '' where it has neither."""
+    lower, upper, unit = parameter.minimum, parameter.maximum, parameter.unit
+    words = [*(['from', lower] if lower else []), *(['to', upper] if upper else []), unit]
+    return ' '.join(filter(None, words))
 
 
 def line_count(text: str) -> int:

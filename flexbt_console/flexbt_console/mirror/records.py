@@ -262,7 +262,7 @@ class Structure:
 
 @dataclass(frozen=True, slots=True)
 class BehaviorParameter:
-    """A parameter of a behavior; default and choices as text."""
+    """A parameter of a behavior; default, choices and limits as text. A limit that is '' is none."""
 
     name: str
     type: str = 'string'
@@ -309,6 +309,20 @@ class EventKind(IntEnum):
 
     UNKNOWN = 0
     TRANSITION = 1
+    label: str = ''
+    unit: str = ''
+    minimum: str = ''
+    maximum: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorInput:
+    """A userdata key that a behavior reads; ``type`` is as in BlackboardEntry, '' when it is not declared."""
+
+    key: str
+    type: str = ''
+    description: str = ''
+    needed: bool = False
     COMMAND = 2
 
 
@@ -321,6 +335,7 @@ class ExecutiveEvent:
 
     executive_id: str
     sequence: int
+    inputs: tuple[BehaviorInput, ...] = ()
     kind: EventKind
     path: str = ''
     outcome: str = ''

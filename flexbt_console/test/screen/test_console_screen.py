@@ -18,17 +18,20 @@ from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.cells import set_cell_size, split_graphemes
 from textual import events
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
-from textual.widgets import Input, Select
+from textual.widgets import Input
 
 from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offers
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import (
     ActiveState,
     Behavior,
+    BehaviorInput,
     BehaviorList,
     BehaviorParameter,
     Command,
@@ -58,7 +61,7 @@ from flexbt_console.mirror import (
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
 from flexbt_console.ui.interaction import KEYS, Attention, Station
 from flexbt_console.ui.screen import OperatorScreen, run_screen
-from flexbt_console.ui.screen.dialogs import MapImage
+from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage
 from flexbt_console.ui.screen.overview import Overview
 from flexbt_console.ui.screen.panes import Layout, Pane
 from flexbt_console.ui.screen.panes.decision_bar import ROWS, decision_lines
@@ -376,9 +379,9 @@ def test_who_is_asked_for_the_authority_gives_it_to_one_and_refuses_another() ->
         await pilot.press('c', 'escape')
         assert robot.link.sent == []
         for downs, kind, grantee in (
-            (0, CommandKind.HAND_OVER_AUTHORITY, 'bob'),
-            (3, CommandKind.REFUSE_AUTHORITY, 'eve on her way'),
-            (4, CommandKind.RELEASE_AUTHORITY, ''),
+            (1, CommandKind.HAND_OVER_AUTHORITY, 'bob'),
+            (4, CommandKind.REFUSE_AUTHORITY, 'eve on her way'),
+            (5, CommandKind.RELEASE_AUTHORITY, ''),
         ):
             await pilot.press('c', *['down'] * downs, 'enter')
             assert (robot.link.sent[-1].kind, robot.link.sent[-1].grantee) == (kind, grantee)
@@ -397,8 +400,9 @@ def test_of_several_active_states_the_one_that_a_key_is_for_is_chosen() -> None:
         await pilot.press('b')
         assert robot.link.sent == []
         await pilot.pause()
-        assert '> breakpoint /Both/Drive' in text_of(app)
-        await pilot.press('down', 'enter', *('r', 'enter'), *('l', 'end', 'enter'), *('l', 'escape'))
+        assert 'breakpoint /Both/Drive' in text_of(app) and '>' not in text_of(app)  # nothing is marked
+        await pilot.press('enter', 'down', 'down', 'enter')
+        await pilot.press('r', *'/Both/Drive', 'enter', *('l', 'end', 'enter'), *('l', 'escape'))
         await pilot.pause()
         assert [(one.kind, one.path) for one in robot.link.sent] == [
             (CommandKind.BREAKPOINT, '/Both/Look'),
@@ -421,7 +425,7 @@ def test_of_many_answers_each_can_be_picked_and_what_enter_sends_is_seen() -> No
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         shown = text_of(app)
         assert '[50 部屋' in shown and re.search(r'\+\d+ more: 0', shown) and '(+1 more)' in shown
-        await pilot.press('0', *('down',) * 39, 'enter')
+        await pilot.press('0', *('down',) * 40, 'enter')
         await pilot.pause()
         app.draw()
         await pilot.pause()
@@ -445,7 +449,7 @@ def test_a_state_is_forced_in_two_steps() -> None:
         assert 'failed' in text_of(app)
         await pilot.press('escape')
         assert robot.link.sent == []
-        await pilot.press('f', 'down')
+        await pilot.press('f', 'down', 'down')
         await pilot.pause()
         assert '> /Drive: failed' in text_of(app)  # not by colour alone
         await pilot.press('enter')
@@ -456,14 +460,152 @@ def test_a_state_is_forced_in_two_steps() -> None:
     on_screen(robot, steps)
 
 
+BOTH = StateStructure('/Both', StateKind.CONCURRENCY, 'Concurrency', ('Drive', 'Look'), ('done',))
+INNER = tuple(
+    StateStructure(f'/Both/{name}', StateKind.STATE, 'Wait', (), outcomes, targets)
+    for name, outcomes, targets in (
+        ('Drive', ('done', 'failed', 'canceled'), ('/Both/Look', '/canceled', '=done')),
+        ('Look', ('done', 'Done', 'seen it'), ('=failed', '=done', '=seen')),
+    )
+)
+NAMES = (
+    'done',
+    'failed',
+    'canceled',
+    'seen it',
+    'look done',
+    '/Both/Look',
+    'Patrol',
+    'Errand',
+    'handover bob',
+    'release',
+)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(('f', 'l', 'b', 'c', '0', 'w', 'a', ':')),
+            st.one_of(st.sampled_from(NAMES), st.sampled_from(NAMES).map(lambda name: name[:3]), st.text(max_size=8)),
+        ),
+        min_size=8,
+        max_size=8,
+    )
+)
+@settings(max_examples=12, deadline=None)
+def test_what_is_typed_into_a_list_is_what_is_sent_or_nothing(tries: list[tuple[str, str]]) -> None:
+    robot = Robot()
+    robot.mirror.receive_structure(Structure('r1', 'Patrol', (*STRUCTURE.states, BOTH, *INNER)))
+    robot.mirror.receive_behaviors(
+        BehaviorList('e', (Behavior('Patrol'), Behavior('Errand'), Behavior('Bad', error='x')))
+    )
+    asked = [Decision(f'd{state.path}', DecisionKind.CHOICE, state.path, outcomes=state.outcomes) for state in INNER]
+    active = tuple(ActiveState(one.path, 1.0) for one in INNER)
+    robot.show(*asked, active_states=active, authority='ann', authority_requests=('bob', 'eve'))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for key, word in tries:
+            robot.link.sent.clear()
+            word = ''.join(sign for sign in word if sign.isprintable())
+            type_at_once(app, key, *word, 'enter', 'enter', 'enter', 'escape', 'escape', 'escape')
+            await seen(robot, pilot)
+            for sent in robot.link.sent:
+                assert key not in ('0', 'a') or sent.kind is CommandKind.FORCE  # the next Enter sends what was picked
+                texts = {
+                    CommandKind.FORCE: [sent.outcome, f'{sent.path} {sent.outcome}', f'{_last(sent)} {sent.outcome}'],
+                    CommandKind.SWITCH: [sent.behavior],
+                    CommandKind.LOCK: [sent.path, f'lock {sent.path}'],
+                    CommandKind.BREAKPOINT: [sent.path, f'breakpoint {sent.path}'],
+                    CommandKind.HAND_OVER_AUTHORITY: [f'handover {sent.grantee}'],
+                    CommandKind.REFUSE_AUTHORITY: [f'refuse {sent.grantee}'],
+                    CommandKind.RELEASE_AUTHORITY: ['release'],
+                }.get(sent.kind, [])
+                numbers = [str(number) for number, one in enumerate(asked[0].outcomes, 1) if one == sent.outcome]
+                typed = ' '.join(word.split()).replace(': ', ' ').casefold()
+                assert typed in [text.casefold() for text in (*texts, *numbers)], (key, word, sent)
+
+    on_screen(robot, steps)
+
+
+def _last(command: Command) -> str:
+    return command.path.rpartition('/')[2]
+
+
+def test_what_is_typed_in_full_is_sent_and_what_is_no_name_asks() -> None:
+    robot = Robot()
+    robot.mirror.receive_structure(Structure('r1', 'Patrol', (*STRUCTURE.states, BOTH, *INNER)))
+    robot.show(active_states=tuple(ActiveState(one.path, 1.0) for one in INNER))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for typed, told in (
+            ('', 'nothing is marked yet'),
+            ('cancel', 'no line has this name'),
+            ('nonsense', 'no line has this name'),
+            ('done', '2 lines have this name'),  # of either state
+        ):
+            await pilot.press('f', *typed, 'enter', 'enter')
+            await pilot.pause()
+            assert told in text_of(app) and robot.link.sent == []
+            await pilot.press('escape')
+        for typed, path, outcome in (
+            ('canceled', '/Both/Drive', 'canceled'),
+            ('Done', '/Both/Look', 'Done'),
+            ('FAILED', '/Both/Drive', 'failed'),
+            ('drive done', '/Both/Drive', 'done'),
+        ):
+            await pilot.press('f', *typed, 'enter')
+            assert (robot.link.sent[-1].path, robot.link.sent[-1].outcome) == (path, outcome)
+        await pilot.press('f', 'down', *'canceled', 'enter')  # what was marked before is not any more
+        assert robot.link.sent[-1].outcome == 'canceled'
+
+    on_screen(robot, steps)
+
+
+def test_a_behavior_that_cannot_be_loaded_is_listed_with_the_reason_and_cannot_be_started() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    broken = Behavior('Broken', error='ImportError: no module named [moveit]')
+    robot.mirror.receive_behaviors(BehaviorList('e', (broken, Behavior('Patrol'))))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('s')
+        await pilot.pause()
+        assert 'Broken' in text_of(app) and 'not possible: ImportError: no module named [moveit]' in text_of(app)
+        await pilot.press(*'broken', 'enter')
+        assert isinstance(app.screen, ChoiceList)
+        await pilot.press(*('backspace',) * 6, 'down', 'enter')
+        await pilot.pause()
+        assert 'start Patrol' in text_of(app)  # the arrows pass over it
+        await pilot.press('enter')
+        assert [one.behavior for one in robot.link.sent] == ['Patrol']
+
+    on_screen(robot, steps)
+
+
+def test_a_form_names_each_parameter_by_its_label_with_unit_and_limits() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    speed = BehaviorParameter('speed', 'float', '0.3', (), 'while it carries', 'Top speed', 'm/s', '0', '1.5')
+    robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=(speed,)),)))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('s', 'down', 'enter')
+        await pilot.pause()
+        assert 'Top speed [speed] (float, from 0 to 1.5 m/s)  while it carries' in text_of(app)
+        await pilot.press(*'3', 'enter')
+        assert "'3' is beyond its limits (from 0 to 1.5 m/s)" in text_of(app) and robot.link.sent == []
+        await pilot.press('backspace', *'1.5', 'enter')
+        assert robot.link.sent[0].arguments == (('speed', '1.5'),)
+
+    on_screen(robot, steps)
+
+
 def test_a_behavior_is_started_by_its_form() -> None:
     robot = Robot()
     robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('s')
-        await pilot.pause()
-        await pilot.press('enter')
+        await pilot.press('s', *'patrol', 'enter')
         await pilot.pause()
         assert 'speed (float)' in text_of(app)
         await pilot.press(*'0.5', 'ctrl+s')
@@ -483,10 +625,13 @@ def test_a_form_takes_only_what_its_types_can_be() -> None:
     robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('s', 'enter', *'a1.5x', 'tab', *'x-1.5e-3z', 'tab', 'enter', 'down', 'enter', 'tab', *'a 1')
-        await pilot.press('ctrl+s')
+        await pilot.press('s', 'down', 'enter', *'1.5', 'enter')
+        assert robot.link.sent == [] and 'no int' in text_of(app)  # what was typed is not made into something else
+        await pilot.press('backspace', 'backspace', 'tab', *'fast', 'enter')
+        assert robot.link.sent == [] and 'no float' in text_of(app)
+        await pilot.press(*('backspace',) * 4, *'-1.5e-3', 'tab', 'up', 'tab', *'a 1', 'ctrl+s')
         (start,) = robot.link.sent
-        assert dict(start.arguments) == {'count': '15', 'speed': '-1.5e-3', 'careful': 'true', 'name': 'a 1'}
+        assert dict(start.arguments) == {'count': '1', 'speed': '-1.5e-3', 'careful': 'true', 'name': 'a 1'}
 
     on_screen(robot, steps)
 
@@ -519,19 +664,25 @@ def test_the_map_is_an_image_where_the_terminal_has_images() -> None:
 
 def test_a_form_gives_input_userdata_to_a_behavior() -> None:
     robot = Robot()
+    (patrol,) = robot.mirror.view().behaviors or ()
+    goal = BehaviorInput('goal', 'geometry_msgs/PoseStamped', 'where to drive', needed=True)
+    robot.mirror.receive_behaviors(BehaviorList('e', (dataclasses.replace(patrol, inputs=(goal,)),)))
     robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('s', 'enter')
+        await pilot.press('s', 'down', 'enter')
         shown = text_of(app)
-        assert all(one.usage in shown for spec in COMMANDS if spec.name == 'start' for one in spec.prompt_options)
-        options = '--input "goal=geometry_msgs/PoseStamped:1 2 0" --autonomy low'
-        await pilot.press('tab', 'tab', *options, 'enter')
+        assert 'goal (geometry_msgs/PoseStamped)  where to drive' in shown and 'autonomy  off, low' in shown
+        await pilot.press('tab', 'tab', 'enter')
+        assert robot.link.sent == [] and "input 'goal' is needed" in text_of(app)
+        await pilot.press(*'kitchn', 'enter')
+        assert robot.link.sent == [] and "did you mean 'kitchen'" in text_of(app)
+        await pilot.press(*('backspace',) * 6, *'1 2 0', 'tab', *'high', 'up', 'tab', *'n=int:7', 'enter')
         (start,) = robot.link.sent
-        assert [(one.key, one.type) for one in start.inputs] == [('goal', 'geometry_msgs/PoseStamped')]
+        assert [(one.key, one.type) for one in start.inputs] == [('goal', 'geometry_msgs/PoseStamped'), ('n', 'int')]
         assert start.autonomy == 1 and start.arguments == (('room', 'a'),)
 
-    on_screen(robot, steps)
+    on_screen(robot, steps, (100, 40))
 
 
 def test_any_command_can_be_typed_and_its_fate_is_told() -> None:
@@ -604,7 +755,7 @@ def test_keys_typed_at_once_are_for_the_form_that_they_open() -> None:
     robot.mirror.receive_behaviors(BehaviorList('e', behaviors))
 
     async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        type_at_once(app, 's', 'down', 'enter', 'right', '9', 'backspace', '7', 'tab', *'bp+', 'enter')
+        type_at_once(app, 's', *'errand', 'enter', 'right', '9', 'backspace', '7', 'tab', *'bp+', 'enter')
         await pilot.pause()
         (start,) = robot.link.sent
         assert start.behavior == 'Errand'
@@ -620,7 +771,7 @@ def test_enter_twice_at_once_starts_once() -> None:
     async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for count, parameters in enumerate(((), (BehaviorParameter('speed', 'float', '0.3'),)), 1):
             robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
-            await pilot.press('s', 'enter')
+            await pilot.press('s', 'down', 'enter')
             await pilot.pause()
             type_at_once(app, 'enter', 'enter')
             await pilot.pause()
@@ -642,16 +793,7 @@ def test_keys_typed_at_once_behind_a_line_or_a_dialog_are_for_the_screen() -> No
         robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
         parameters = (BehaviorParameter('room', choices=('a', 'b')),)
         robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
-        type_at_once(app, 's', 'enter', 'enter', 'escape')  # the values of the field are open, and closed again
-        await pilot.pause()
-        assert len(app.screen_stack) == 2
-        room = app.screen.query_one(Select)
-        while room.expanded or not room.has_focus:
-            await pilot.pause()
-        type_at_once(app, 'enter', 'down', 'enter')
-        while room.value != 'b':
-            await pilot.pause()
-        type_at_once(app, 'ctrl+s', '!')
+        type_at_once(app, 's', 'down', 'enter', 'down', 'enter', '!')
         await pilot.pause()
         assert robot.link.kinds == [*kinds, CommandKind.START, CommandKind.STOP]
         assert robot.link.sent[-2].arguments == (('room', 'b'),)
@@ -1022,7 +1164,7 @@ def test_an_ascii_screen_has_ascii_frames(monkeypatch: pytest.MonkeyPatch) -> No
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         assert '>' in text_of(app) and text_of(app).isascii()
-        for keys in ('f', 'n', '?', 's', ['s', 'enter', 'tab', 'tab'], ['s', 'enter', 'tab', 'enter']):
+        for keys in ('f', 'n', '?', 's', ['s', 'down', 'enter', 'tab', 'tab'], ['s', 'down', 'enter', 'x', 'enter']):
             await pilot.press(*keys)
             await seen(robot, pilot)
             shown = text_of(app)
@@ -1132,7 +1274,7 @@ def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar
         robot.show(*waiting[:-1])
         await seen(robot, pilot)
         assert 'number 0' in text_of(app)
-        await pilot.press('a', 'down')
+        await pilot.press('a', 'down', 'down')
         robot.show(*waiting[2:-1])  # the one that is marked is gone meanwhile
         await pilot.press('enter', 'enter')
         assert len(robot.link.sent) == 1
@@ -1301,10 +1443,12 @@ def test_a_robot_is_found_by_its_name_and_the_most_urgent_by_one_key() -> None:
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for keys, found in (
             (('o', '/', *'T4o', 'backspace', '2', 'enter'), '/robot42'),
-            (('o', 'o'), '/robot37'),
-            (('o', 'o'), '/robot37'),  # nobody else needs anything
+            (('o', 'tab'), '/robot37'),
+            (('o', 'tab'), '/robot37'),  # nobody else needs anything
             (('o', 'end', 'pageup', 'enter'), '/robot39'),
-            (('o', '/', 'escape', 'escape'), '/robot39'),
+            (('o', *'robot', 'enter', 'escape', 'escape'), '/robot39'),  # many have such a name
+            (('o', *'robot1', 'enter', 'backspace', *'77', 'enter', 'escape', 'escape'), '/robot39'),  # none has it
+            (('o', *'robot4', 'down', 'down', 'enter'), '/robot41'),
         ):
             await pilot.press(*keys)
             await seen(robots.robots['/robot00'], pilot)
@@ -1451,7 +1595,7 @@ def test_in_a_terminal_that_has_no_room_for_it_a_dialog_is_cut() -> None:
             robot.show(state=ExecutiveState.RUNNING)
             await pilot.press('f', 'pagedown', 'pageup', 'escape', '?', 'escape')
             robot.show(state=ExecutiveState.IDLE)
-            await pilot.press('s', 'pagedown', 'enter', 'tab', 'escape')
+            await pilot.press('s', 'pagedown', *'patrol', 'enter', 'tab', 'escape')
         assert app.is_running and not [line for line in app._panes.log.told if 'fault' in line]
 
     on_screen(robot, steps)

@@ -42,7 +42,7 @@ from flexbt_console.ui.interaction import (
 from flexbt_core.clock import Clock
 from flexbt_core.values import lines, one_line
 
-from .dialogs import ChoiceList, MapImage, ReadingDialog, StartForm
+from .dialogs import ChoiceList, Entry, MapImage, ReadingDialog, StartForm
 from .ordered_app import OrderedApp
 from .overview import Overview
 from .panes import (
@@ -121,10 +121,8 @@ class OperatorScreen(OrderedApp):
     .dim {{ text-style: dim; }}
     .ascii #map {{ border-left: ascii $primary-darken-2; }}
     .ascii #decision, .ascii #log {{ border-top: ascii $primary-darken-2; }}
-    .ascii .dialog, .ascii .dialog Input, .ascii SelectCurrent,
-    .ascii SelectOverlay {{ border: ascii $primary; }}
+    .ascii .dialog {{ border: ascii $primary; }}
     .ascii .dialog, .ascii OptionList {{ scrollbar-size: 0 0; }}
-    .ascii SelectCurrent .arrow {{ display: none; }}
     """
     # With priority they are dealt with in the order in which they come, by what is open by then: a key that is typed
     # quickly behind the one that opens a line or a list is for that, and is no command.
@@ -349,7 +347,8 @@ class OperatorScreen(OrderedApp):
         elif len(written := key.lines(view, self._station.make.operator)) == 1:
             self.do(written[0])
         else:
-            self._choose(key.help, written, lambda number: self.do(written[number]))
+            entries = [Entry(line, (line, line.partition(' ')[2])) for line in written]
+            self._choose(key.help, entries, lambda number: self.do(written[number]))
         self._wake()
 
     def action_replay(self, move: str) -> None:
@@ -388,7 +387,10 @@ class OperatorScreen(OrderedApp):
             self._panes.picking.pick(number + 1, self._view())
             self.draw()
 
-        self._choose('pick an answer', choice_texts(decision, view.state(decision.path), self._panes.signs), chosen)
+        texts = choice_texts(decision, view.state(decision.path), self._panes.signs)
+        named = zip(texts, decision.choices, strict=True)
+        entries = [Entry(text, (choice, str(number))) for number, (text, choice) in enumerate(named, 1)]
+        self._choose('pick an answer', entries, chosen)
 
     def action_cursor(self, key: str) -> None:
         """Move or turn the cursor on the map."""
@@ -473,9 +475,9 @@ class OperatorScreen(OrderedApp):
         else:
             self.open(ReadingDialog(reading.title, reading.text))
 
-    def _choose(self, title: str, shown: Sequence[str], do: Callable[[int], object]) -> None:
-        """Have one of the lines chosen, and do something with its number."""
-        self.open(ChoiceList(title, shown), do)
+    def _choose(self, title: str, entries: Sequence[Entry], do: Callable[[int], object]) -> None:
+        """Have one of the entries chosen, and do something with its number."""
+        self.open(ChoiceList(title, entries), do)
 
     def _do_confirm(self, key: Key, view: View) -> None:
         decision = view.decision
@@ -506,7 +508,8 @@ class OperatorScreen(OrderedApp):
             self._panes.picking.turned_to(self._turned_to)
             self.draw()
 
-        self._choose(key.help, waiting_texts(view), chosen)
+        texts = zip(waiting_texts(view), waiting, strict=True)
+        self._choose(key.help, [Entry(text, (one.path, _label(one.path))) for text, one in texts], chosen)
 
     def _do_robots(self, key: Key, view: View) -> None:
         if self._robots is None:
@@ -531,26 +534,27 @@ class OperatorScreen(OrderedApp):
         choices = [(path, outcome) for path in view.active_paths for outcome in view.outcomes(path)]
         if not choices:
             raise RefusedError('the outcomes of the active state are not known yet')
-        shown = []
+        entries = []
         for path, outcome in choices:
             state = view.state(path)
             texts = dict(zip(state.outcomes, outcome_texts(state, self._panes.signs), strict=True)) if state else {}
-            shown.append(f'{path}: {texts.get(outcome, outcome)}')
-        self._choose('leave a state by', shown, lambda number: self.do(shlex.join(('force', *choices[number]))))
+            names = (outcome, *(f'{of}{sep}{outcome}' for of in (path, _label(path)) for sep in (' ', ': ')))
+            entries.append(Entry(f'{path}: {texts.get(outcome, outcome)}', names))
+        self._choose('leave a state by', entries, lambda number: self.do(shlex.join(('force', *choices[number]))))
 
     def _do_start(self, key: Key, view: View) -> None:
-        usable = [behavior for behavior in view.behaviors or () if not behavior.error]
-        if not usable:
+        behaviors = view.behaviors
+        if not behaviors:
             raise RefusedError('the robot has not said which behaviors it has')
-        shown = [f'{behavior.name}  {behavior.description}' for behavior in usable]
+        entries = [Entry(f'{one.name}  {one.description}', (one.name,), one.error) for one in behaviors]
         command = find(key.action)
         assert command is not None
-        self._choose(f'{command.name} a behavior', shown, lambda number: self._fill_in(command, usable[number]))
+        self._choose(f'{command.name} a behavior', entries, lambda number: self._fill_in(command, behaviors[number]))
 
     _do_switch = _do_start
 
     def _fill_in(self, command: CommandSpec, behavior: Behavior) -> None:
-        self.open(StartForm(command, behavior), self.do)
+        self.open(StartForm(command, behavior, self._view()), self.do)
 
     def _do_note(self, key: Key, view: View) -> None:
         self._line.open('note ')
@@ -590,3 +594,7 @@ def _timeless(view: View) -> View:
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))
+def _label(path: str) -> str:
+    return path.rpartition('/')[2]
+
+

@@ -9,23 +9,25 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 from rich.text import Text
-from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import Input, Label, OptionList, Select
+from textual.suggester import SuggestFromList
+from textual.widgets import Input, Label, OptionList
 from textual.widgets.option_list import Option
 
-from flexbt_console.commands import CommandSpec
-from flexbt_console.mirror import Behavior, View
+from flexbt_console.commands import CommandSpec, Typed, limits_text, parameter_value, start_input
+from flexbt_console.commands import Option as CommandOption
+from flexbt_console.errors import ConsoleError, RefusedError
+from flexbt_console.mirror import POSE_TYPES, Behavior, BehaviorInput, BehaviorParameter, Pose, View
 from flexbt_console.pictures import fold, map_image, where_text
 from flexbt_console.present import Line, tone_of
-from flexbt_core.values import one_line
+from flexbt_core.values import one_line, shown
 
 from .panes import Pane, styled
 
@@ -41,12 +43,31 @@ MOST_ROWS: Final = 100
 CHOICES: Final = {'bool': ('false', 'true')}
 """The values of a type that has few."""
 
-RESTRICTED: Final = {'int': r'[+-]?\d*', 'float': r'[+-]?(\d*\.?\d*([eE][+-]?\d*)?|i?n?f?|n?a?n?)'}
-"""What may be typed of a type, as far as it has come."""
+
+class Entry(NamedTuple):
+    """A line of a list: how it looks, the texts that mean it when they are typed, and why it cannot be chosen ('' when
+    it can)."""
+
+    text: str
+    names: tuple[str, ...]
+    refusal: str = ''
+
+
+class FindField(Input):
+    """Text by which a list is filtered while it is typed. It has the focus of the list."""
+
+    DEFAULT_CSS = 'FindField { dock: top; height: 1; border: none; padding: 0; } FindField:focus { border: none; }'
+
+
+HOW_TO_CHOOSE: Final = 'type to find, Up Down mark, Enter chooses, Esc leaves'
 
 
 class ChoiceList(ModalScreen[int | None]):
-    """A list; gives the number of the line that was chosen, from 0 on, or None."""
+    """A list that is filtered as one types; returns the number of the chosen entry, from 0 on, or None.
+
+    Nothing is marked before the operator marks it. Enter chooses the entry that was marked with the arrows, or the only
+    one whose name is what was typed. Otherwise it says what is missing, and chooses nothing.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape', 'dismiss(None)', 'leave', priority=True),
@@ -64,124 +85,262 @@ class ChoiceList(ModalScreen[int | None]):
         ),
     ]
 
-    def __init__(self, title: str, lines: Sequence[str]) -> None:
-        """The title is a text of our own; the lines may be of others."""
+    def __init__(self, title: str, entries: Sequence[Entry]) -> None:
+        """The title is a text of our own; the entries may be of others."""
         super().__init__()
         self._title = title
-        self._lines = lines
-        self._marked = 0
+        self._entries = entries
+        self._filtered_by = ''
+        self._marked: int | None = None
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
         with Vertical(classes='dialog') as dialog:
-            dialog.border_title, dialog.border_subtitle = self._title, 'Enter chooses, Esc leaves'
-            yield OptionList(*(Option(self._row(number, 0)) for number in range(len(self._lines))))
+            dialog.border_title, dialog.border_subtitle = self._title, HOW_TO_CHOOSE
+            yield FindField(placeholder='type to find')
+            yield OptionList()
 
     def on_mount(self) -> None:
-        """The list has the keys."""
-        self.set_focus(self.query_one(OptionList))
+        """What is typed is for the list."""
+        options = self.query_one(OptionList)
+        options.can_focus = False
+        options.set_options(self._options(''))  # given at once, the first would be marked
+        self.set_focus(self.query_one(FindField))
 
     def on_resize(self) -> None:
-        """The line under the cursor stays to be seen."""
+        """Keep the marked line visible."""
         self.query_one(OptionList).scroll_to_highlight()
 
-    def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
-        """The line under the cursor has a mark, too: a colour alone is not seen everywhere."""
-        for number in {self._marked, event.option_index}:
-            event.option_list.replace_option_prompt_at_index(number, self._row(number, event.option_index))
-        self._marked = event.option_index
+    def on_input_changed(self) -> None:
+        """Show the entries that fit what is typed."""
+        self._filter()
 
-    def _row(self, number: int, marked: int) -> Text:
-        return Text(f'{">" if number == marked else " "} {one_line(self._lines[number])}')
+    def _filter(self) -> str:
+        """Return what is typed; where it has changed, show what fits it, with nothing marked."""
+        typed = self.query_one(FindField).value
+        if typed != self._filtered_by:
+            self._filtered_by, self._marked = typed, None
+            self.query_one(OptionList).set_options(self._options(typed))
+            self._tell(HOW_TO_CHOOSE)
+        return typed.strip()
+
+    def _options(self, typed: str) -> list[Option]:
+        words = typed.casefold().split()
+        return [
+            Option(self._row(number), id=str(number), disabled=bool(entry.refusal))
+            for number, entry in enumerate(self._entries)
+            if all(word in ' '.join(entry.names).casefold() for word in words)
+        ]
+
+    def _row(self, number: int) -> Text:
+        """The line; what is marked has a sign, too: a colour alone is not seen everywhere."""
+        entry = self._entries[number]
+        why = f'  (not possible: {one_line(entry.refusal)})' if entry.refusal else ''
+        return Text(f'{">" if number == self._marked else " "} {one_line(entry.text)}{why}')
+
+    def _tell(self, text: str) -> None:
+        self.query_one('.dialog').border_subtitle = Text(text, 'bold' if text != HOW_TO_CHOOSE else '')
 
     def action_move(self, move: str) -> None:
-        """Move in the list, as it moves by itself; not by a page while there is no room for any line."""
+        """Mark another line, as the list moves by itself; not by a page while there is no room for any line."""
+        self._filter()
         options = self.query_one(OptionList)
         if options.scrollable_content_region.height > 0:
             getattr(options, f'action_{move}')()
+        before, option = self._marked, options.highlighted_option
+        self._marked = int(str(option.id)) if option is not None else None
+        for number in {before, self._marked} - {None}:
+            options.replace_option_prompt(str(number), self._row(int(number)))
 
     def action_choose(self) -> None:
-        """The line under the cursor."""
-        self.dismiss(self.query_one(OptionList).highlighted)
+        """Choose the entry that was marked, or whose name was typed; of anything else, say what is missing."""
+        typed = self._filter()
+        found = [self._marked] if self._marked is not None else self._named(typed)
+        if len(found) == 1 and not (why := self._entries[found[0]].refusal):
+            self.dismiss(found[0])
+        elif len(found) == 1:
+            self._tell(f'not possible: {one_line(why)}')
+        elif found:
+            self._tell(f'{len(found)} lines have this name: mark one with Up and Down')
+        elif typed:
+            self._tell('no line has this name: type it in full, or mark one with Up and Down')
+        else:
+            self._tell('nothing is marked yet: type a name, or mark a line with Up and Down')
+
+    def _named(self, typed: str) -> list[int]:
+        """The entries of which that is a name, in the same case if there are such."""
+        for same in (str, str.casefold):
+            found = [
+                number
+                for number, entry in enumerate(self._entries)
+                if typed and same(' '.join(typed.split())) in [same(' '.join(name.split())) for name in entry.names]
+            ]
+            if found:
+                return found
+        return []
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """A line was clicked."""
-        self.dismiss(event.option_index)
+        self.dismiss(int(str(event.option_id)))
+
+
+class FormField(Input):
+    """A field of a form: what its value becomes in the line. Up and Down step through its ``choices``."""
+
+    DEFAULT_CSS = 'FormField { height: 1; border: none; padding: 0 2; } FormField:focus { border: none; }'
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding('up', 'step(-1)', 'the choice before', show=False),
+        Binding('down', 'step(1)', 'the next choice', show=False),
+    ]
+
+    def __init__(self, told: str, default: str = '', choices: Sequence[str] = (), placeholder: str = '') -> None:
+        suggester = SuggestFromList(choices, case_sensitive=True) if choices else None
+        super().__init__(default, suggester=suggester, placeholder=placeholder, select_on_focus=True)
+        self.told = told
+        self._choices = choices
+
+    def action_step(self, by: int) -> None:
+        """Take the next of the choices."""
+        if self._choices:
+            place = self._choices.index(self.value) + by if self.value in self._choices else min(by, 0)
+            self.value = self._choices[place % len(self._choices)]
+            self.cursor_position = len(self.value)
+
+    def words(self) -> list[str]:
+        """Return the words of the line for it. Raises ConsoleError when the value cannot be used."""
+        raise NotImplementedError
+
+
+class ParameterField(FormField):
+    """The value of a parameter of a behavior."""
+
+    def __init__(self, parameter: BehaviorParameter) -> None:
+        choices = parameter.choices or CHOICES.get(parameter.type, ())
+        default = parameter.default
+        if parameter.choices and default not in choices:
+            default = choices[0]
+        super().__init__(parameter_text(parameter), default, choices)
+        self._parameter = parameter
+
+    def words(self) -> list[str]:
+        """See :class:`FormField`."""
+        if self.value == self._parameter.default:
+            return []
+        return [f'{self._parameter.name}={parameter_value(self._parameter, self.value)}']
+
+
+class InputField(FormField):
+    """The value of an input of a behavior; left empty, none is given."""
+
+    def __init__(self, known: BehaviorInput, places: Mapping[str, Pose]) -> None:
+        is_pose = known.type in POSE_TYPES
+        told = f'input {one_line(known.key)} ({one_line(known.type) or "TYPE:VALUE"})  {one_line(known.description)}'
+        super().__init__(told, choices=sorted(places) if is_pose else (), placeholder='a place, or x y yaw' * is_pose)
+        self._known = known
+        self._places = places
+
+    def words(self) -> list[str]:
+        """See :class:`FormField`."""
+        if not self.value.strip():
+            if self._known.needed:
+                raise RefusedError(f'input {shown(self._known.key)} is needed')
+            return []
+        text = f'{self._known.key}={self._known.type}{":" * bool(self._known.type)}{self.value}'
+        start_input(text, self._places)
+        return ['--input', text]
+
+
+class OptionField(FormField):
+    """The value of an option of the command; left empty, it is not given."""
+
+    def __init__(self, option: CommandOption, choices: Sequence[str], places: Mapping[str, Pose]) -> None:
+        super().__init__(
+            f'{option.name.removeprefix("--")}  {option.help}', choices=choices, placeholder=option.value or ''
+        )
+        self._option = option
+        self._places = places
+
+    def words(self) -> list[str]:
+        """See :class:`FormField`."""
+        if not self.value.strip():
+            return []
+        if self._option.name == '--input':
+            start_input(self.value, self._places)
+        elif self._option.read is not None:
+            self._option.read(self.value)
+        return [self._option.name, self.value]
 
 
 class StartForm(ModalScreen[str | None]):
-    """The parameters of a behavior, and the options of the command; gives the line that starts it, or None.
+    """A field for each parameter and input of a behavior, and for each option of the command; returns the line that
+    starts it, or None.
 
-    ``command`` is ``start`` or ``switch``.
+    ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding('escape', 'leave', 'leave', priority=True),
-        Binding('enter', 'enter', 'start', priority=True),
-        Binding('ctrl+s', 'send', 'start', priority=True),
+        Binding('escape', 'dismiss(None)', 'leave', priority=True),
+        Binding('enter,ctrl+s', 'send', 'start', priority=True),
         Binding('tab', 'app.focus_next', 'next', priority=True),
         Binding('shift+tab', 'app.focus_previous', 'previous', priority=True),
     ]
 
-    def __init__(self, command: CommandSpec, behavior: Behavior) -> None:
+    def __init__(self, command: CommandSpec, behavior: Behavior, view: View) -> None:
         super().__init__()
         self._command = command
         self._behavior = behavior
+        typed = Typed((behavior.name,), view)
+        options = {option.name: option for option in command.prompt_options}
+        inputs = behavior.inputs if '--input' in options else ()
+        self._fields: list[FormField] = [
+            *(ParameterField(parameter) for parameter in behavior.parameters),
+            *(InputField(known, view.places) for known in inputs),
+            *(
+                OptionField(option, [*option.values(typed)] if option.values is not None else [], view.places)
+                for option in options.values()
+            ),
+        ]
 
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
-        with VerticalScroll(classes='dialog'):
-            yield Label(Text(f'{self._command.name} {one_line(self._behavior.name)}'))
+        with VerticalScroll(classes='dialog', can_focus=False) as dialog:
+            dialog.border_title = Text(f'{self._command.name} {one_line(self._behavior.name)}')
+            dialog.border_subtitle = self._how
             if self._behavior.description:
                 yield Label(Text(one_line(self._behavior.description)), classes='dim')
-            for number, parameter in enumerate(self._behavior.parameters):
-                told = f'{one_line(parameter.name)} ({one_line(parameter.type)})  {one_line(parameter.description)}'
-                yield Label(Text(told))
-                texts = parameter.choices or CHOICES.get(parameter.type, ())
-                if texts:
-                    first = parameter.default if parameter.default in texts else texts[0]
-                    choices = [(one_line(text), text) for text in texts]
-                    yield Select(choices, value=first, allow_blank=False, id=f'parameter-{number}')
-                else:
-                    restricted = RESTRICTED.get(parameter.type)
-                    yield Input(parameter.default, id=f'parameter-{number}', restrict=restricted)
-            yield Label(Text(f'options  {self._command.options_hint}'))
-            yield Input(id='options')
-            yield Label(Text(f'Enter or Ctrl-S: {self._command.name}; Tab: the next field; Esc leaves'), classes='dim')
+            for field in self._fields:
+                yield Label(Text(field.told))
+                yield field
+
+    @property
+    def _how(self) -> str:
+        return f'Enter: {self._command.name}; Tab: next field; Up Down: choices; Esc leaves'
 
     def on_mount(self) -> None:
         """The first field is ready to be typed into."""
-        fields = self.query('Input, Select')
-        if fields:
-            self.set_focus(fields.first())
-
-    async def action_leave(self) -> None:
-        """Leave the values of a field that are open, or else the form."""
-        opened = [field for field in self.query(Select) if field.expanded]
-        for field in opened:
-            await field.query_one(OptionList).run_action('dismiss')
-        if not opened:
-            self.dismiss(None)
-
-    def action_enter(self) -> None:
-        """Give the line, except where Enter opens the values of a field, or chooses one of them."""
-        field = self.focused
-        if isinstance(field, OptionList):
-            raise SkipAction
-        if isinstance(field, Select):
-            field.action_show_overlay()
-            self.set_focus(field.query_one(OptionList))
-        else:
-            self.action_send()
+        if self._fields:
+            self.set_focus(self._fields[0])
 
     def action_send(self) -> None:
-        """Give the line."""
+        """Return the line; where a value cannot be used, say why, at its field."""
         words = [self._command.name, self._behavior.name]
-        for number, parameter in enumerate(self._behavior.parameters):
-            field: Any = self.query_one(f'#parameter-{number}')
-            if field.value != parameter.default:
-                words.append(f'{parameter.name}={field.value}')
-        self.dismiss(f'{shlex.join(words)} {self.query_one("#options", Input).value}'.strip())
+        for field in self._fields:
+            try:
+                words += field.words()
+            except ConsoleError as error:
+                self.set_focus(field)
+                self.query_one('.dialog').border_subtitle = Text(one_line(str(error)), 'bold')
+                return
+        self.dismiss(shlex.join(words))
+
+
+def parameter_text(parameter: BehaviorParameter) -> str:
+    """What a form says of a parameter: its label and name, what it may be, and what it means."""
+    name = one_line(parameter.name)
+    head = f'{one_line(parameter.label)} [{name}]' if parameter.label not in ('', parameter.name) else name
+    may_be = ' | '.join(map(one_line, parameter.choices or CHOICES.get(parameter.type, ()))) or one_line(parameter.type)
+    limits = one_line(limits_text(parameter))
+    return f'{head} ({may_be}{f", {limits}" if limits else ""})  {one_line(parameter.description)}'.rstrip()
 
 
 class ReadingDialog(ModalScreen[None]):
@@ -241,7 +400,7 @@ class MapImage(ModalScreen[None]):
         """Draw what is known now, unless that is on the screen."""
         view = self._view()
         robot = view.snapshot.robot_pose if view.snapshot else None
-        shown = view.surroundings, robot, view.places, view.live
+        shown = view.drawn, robot, view.places, view.live
         if shown != self._drawn:
             self._drawn = shown
             age = '' if view.live else 'NOT OF NOW  '
