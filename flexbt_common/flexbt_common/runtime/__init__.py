@@ -27,7 +27,7 @@ from .received_messages import (
 )
 from .resources import resolve_file
 from .ros_clock import RosClock
-from .sender_rates import SenderRates
+from .sender_rates import RepeatedReports, SenderRates
 from .simulated_time import ListeningTime, watch_clock_publishers
 
 __all__ = [
@@ -52,6 +52,7 @@ __all__ = [
     'ReceivedMessages',
     'RosClock',
     'SenderRates',
+    'RepeatedReports',
     'Watched',
     'ignore_each_other',
     'ignore_participant',

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, RepeatedReports
 from flexbt_core.state_machine import Answer
 from flexbt_core.values import one_line, sendable
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveLog
@@ -84,6 +84,7 @@ class CommandLedger:
         self._now = now
         # A command without a result is open: admitted, and not decided. The entry says who has written it.
         self._entries: OrderedDict[str, CommandResult | _Open] = OrderedDict()
+        self._nameless = RepeatedReports(COMPLAINT_SECONDS, now)
         self._reported: OrderedDict[str, float] = OrderedDict()  # results, and when each was reported last
         for result in journal.results:
             self._entries[result.command_id] = result
@@ -124,6 +125,8 @@ class CommandLedger:
 
     def _ignore_nameless(self, command: ExecutiveCommand) -> None:
         """It cannot be answered."""
+        if self._nameless.held_before('') is None:
+            return
         length = len(command.id)
         why = f'its id has {length} characters, and may have {COMMAND_LENGTHS["id"]}' if length else 'it has no id'
         operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])

@@ -23,7 +23,7 @@ from nav2_msgs.action import NavigateToPose
 from flexbt_common import names
 from flexbt_common.calls import ActionCall, GoalAdmission, GoalOutcome, GoalStatus, ServedGoal
 from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.transforms import TransformListener
 from flexbt_core.clock import Timer
 from flexbt_msgs.action import BtExecute
@@ -223,7 +223,9 @@ class Navigators:
 
     def _goal_pose_ended(self, outcome: GoalOutcome) -> None:
         if outcome.status is not GoalStatus.SUCCEEDED:
-            self._runtime.node.get_logger().warning(f'{names.GOAL_POSE}: {outcome.reason}')
+            self._runtime.node.get_logger().warning(
+                f'{names.GOAL_POSE}: {outcome.reason}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
 
 
 def _waypoint_task(runtime: NodeRuntime, parameters: NavigatorParameters) -> WaypointTask:

@@ -117,9 +117,9 @@ class DockingServer:
         try:
             self._docks = load_docks(Path(request.filepath))
         except FlexbtError as error:
-            logger.error(f'the docks stay as they are: {error}')
+            logger.error(f'the docks stay as they are: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return response
-        logger.info(f'{len(self._docks)} docks')
+        logger.info(f'{len(self._docks)} docks', throttle_duration_sec=COMPLAINT_SECONDS)
         response.success = True
         return response
 

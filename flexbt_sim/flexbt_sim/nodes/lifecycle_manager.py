@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, ParameterDeclarer, run_node
 from flexbt_sim.errors import SimulationError
 
 T = TypeVar('T')
@@ -172,7 +172,7 @@ class LifecycleManager:
         logger = self._runtime.node.get_logger()
         command = COMMANDS.get(number)
         if command is None:
-            logger.error(f'there is no command {number}')
+            logger.error(f'there is no command {number}', throttle_duration_sec=COMPLAINT_SECONDS)
             return False
         with self._lock:
             try:

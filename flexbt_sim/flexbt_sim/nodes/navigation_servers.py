@@ -23,7 +23,7 @@ from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, goal_servers
 from flexbt_common.lifecycle import SHUTTING_DOWN
 from flexbt_common.liveness import LivelinessToken, LivelinessWatch
-from flexbt_common.runtime import Hang, NodeRuntime, run_node
+from flexbt_common.runtime import COMPLAINT_SECONDS, Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
@@ -150,7 +150,10 @@ class Navigation:
         """As Nav2's controller server: a share of the desired speed in percent, or m/s; 0 for no limit."""
         limit = float(message.speed_limit)
         if not 0.0 <= limit < math.inf:
-            self._runtime.node.get_logger().error(f'{names.SPEED_LIMIT}: {limit:g} is no limit of the speed: ignored')
+            self._runtime.node.get_logger().error(
+                f'{names.SPEED_LIMIT}: {limit:g} is no limit of the speed: ignored',
+                throttle_duration_sec=COMPLAINT_SECONDS,
+            )
             return
         share = self._parameters.follower.speed / 100.0 if message.percentage else 1.0
         self._speed_limit = limit * share or math.inf
@@ -195,7 +198,7 @@ class Navigation:
             poses = await self._robot.map_frame.known(asked_path(request.path))
             costmap, here = self._robot.costmaps.shared, self._robot.pose
         except FlexbtError as error:
-            self._runtime.node.get_logger().warning(f'is_path_valid: {error}')
+            self._runtime.node.get_logger().warning(f'is_path_valid: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return response
         if not poses:
             return response

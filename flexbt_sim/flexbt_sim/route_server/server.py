@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.values import check_limits, duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
@@ -141,7 +141,7 @@ class RouteServer:
             assert self._graph is not None
             logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
         elif isinstance(error, FlexbtError):
-            logger.error(f'no new graph of routes: {error}')
+            logger.error(f'no new graph of routes: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         else:
             self._runtime.report_fault(error, 'a graph of routes')
 
@@ -150,7 +150,9 @@ class RouteServer:
             check_limits(request)
             self._check_edges(request)
         except FlexbtError as error:
-            self._runtime.node.get_logger().warning(f'{names.ADJUST_EDGES}: nothing was changed: {error}')
+            self._runtime.node.get_logger().warning(
+                f'{names.ADJUST_EDGES}: nothing was changed: {error}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
             return response
         costs = {edge.edgeid: float(edge.cost) for edge in request.adjust_edges}
         self._edges.adjust(request.closed_edges, request.opened_edges, costs)
@@ -216,7 +218,9 @@ class RouteServer:
 
     def _finish(self, goal: ServedGoal, result: Any, end: GoalEnd) -> None:
         if end.code != 'NONE':  # the result has no room for it
-            self._runtime.node.get_logger().warning(f'no route: {end.code}: {end.message}')
+            self._runtime.node.get_logger().warning(
+                f'no route: {end.code}: {end.message}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
         finish(goal, result, end)
 
     def plan(

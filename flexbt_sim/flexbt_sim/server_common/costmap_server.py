@@ -320,7 +320,9 @@ class CostmapServer:
         return response
 
     def _not_cleared(self, name: str, error: FlexbtError) -> None:
-        self._runtime.node.get_logger().error(f'{name} is not cleared: {error}')
+        self._runtime.node.get_logger().error(
+            f'{name} is not cleared: {error}', throttle_duration_sec=COMPLAINT_SECONDS
+        )
 
     def _clear_except(self, request: Any, layers: LayeredCostmap) -> None:
         layers.clear_except_square(self._robot_pose(), _distance(request))
@@ -358,7 +360,9 @@ class CostmapServer:
             check_limits(request)
             poses = await self._map_frame.known([asked_pose(one, 'a pose', 'INVALID_INPUT') for one in request.poses])
         except FlexbtError as error:
-            self._runtime.node.get_logger().error(f'no costs of {name}: {error}')
+            self._runtime.node.get_logger().error(
+                f'no costs of {name}: {error}', throttle_duration_sec=COMPLAINT_SECONDS
+            )
             return response
         costs = [self._cost_of(name, pose, use_footprint=request.use_footprint) for pose in poses]
         response.costs = [float(LETHAL) if cost is None else cost for cost in costs]

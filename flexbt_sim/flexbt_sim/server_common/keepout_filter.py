@@ -11,7 +11,7 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.exceptions import InvalidTopicNameException
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.values import check_limits
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
@@ -71,4 +71,4 @@ class KeepoutFilter:
         self._on_mask(mask)
 
     def _complain(self, error: Exception) -> None:
-        self._node.get_logger().error(f'ignored: {error}')
+        self._node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)

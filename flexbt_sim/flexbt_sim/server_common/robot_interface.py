@@ -239,7 +239,7 @@ class RobotInterface:
             check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
             self._map = map_of(grid)
         except FlexbtError as error:
-            self._runtime.node.get_logger().error(f'ignored: {error}')
+            self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         self._use_map(self._map)
         self._tell_waiting()

@@ -18,7 +18,7 @@ from nav_msgs.srv import GetMap
 
 from flexbt_common import names
 from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
 from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.ros_messages import grid_message
@@ -77,7 +77,7 @@ class MapServer:
             response.map = self._publish(load_map(file))
             response.result = LoadMap.Response.RESULT_SUCCESS
         except (FlexbtError, OSError, ValueError) as error:
-            self._node.get_logger().error(f'load_map: {error}')
+            self._node.get_logger().error(f'load_map: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         return response
 
 
