@@ -34,7 +34,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -53,7 +52,7 @@ from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import make_executor
 from .node_log import NodeLogger, StandardStreams
-from .parameters import refusing_unknown_types, unknown_parameters
+from .parameters import bounded, is_parameter_service, unknown_parameters
 from .ros_clock import RosClock
 
 from .received_messages import COMPLAINT_SECONDS
@@ -97,8 +96,8 @@ class DeepNode(Node):
         self, srv_type: Any, srv_name: str, callback: Any, *, qos_profile: QoSProfile | None = None, **options: Any
     ) -> Any:
         """See :meth:`rclpy.node.Node.create_service`."""
-        if srv_type in (SetParameters, SetParametersAtomically):
-            callback = refusing_unknown_types(callback)
+        if is_parameter_service(srv_type):
+            callback = bounded(srv_type, callback, self)
         return super().create_service(
             srv_type, srv_name, callback, qos_profile=qos_profile or deep_services(), **options
         )

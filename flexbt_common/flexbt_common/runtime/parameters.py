@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -24,6 +31,18 @@ from .rclpy_private import given_parameters
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
+
+MOST_PARAMETERS: Final = 1_000
+"""Parameters, or names or prefixes of such, in one request."""
+
+_ASKED_FOR: Final = {
+    DescribeParameters: 'names',
+    GetParameters: 'names',
+    GetParameterTypes: 'names',
+    ListParameters: 'prefixes',
+    SetParameters: 'parameters',
+    SetParametersAtomically: 'parameters',
+}
 
 _TYPES: Final = frozenset(type.value for type in Parameter.Type)
 
@@ -98,23 +117,44 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
         raise
 
 
-def refusing_unknown_types(set_parameters: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """A callback of rclpy's for set_parameters, or set_parameters_atomically, that answers also where a parameter is of
-    a type that does not exist: rclpy's raises then, and its client waits for ever."""
+def bounded(request_type: Any, answer: Callable[[Any, Any], Any], node: Node) -> Callable[[Any, Any], Any]:
+    """Return a callback for one of the parameter services that refuses what rclpy's own, ``answer``, cannot serve.
 
-    def answer(request: Any, response: Any) -> Any:
-        unknown = next((one for one in request.parameters if one.value.type not in _TYPES), None)
-        if unknown is None:
-            return set_parameters(request, response)
-        reason = f'{shown(unknown.name)} is of type {unknown.value.type}, which does not exist; nothing was set'
+    A request for more than :data:`MOST_PARAMETERS` is refused before it is looked at: rclpy takes 3 s for a million
+    names, in which the node hears nothing. For a parameter of a type that does not exist rclpy's callback raises, and
+    its client waits for ever. Only the services that set parameters can give a reason; for the others it is logged.
+    """
+    asked = _ASKED_FOR[request_type]
+
+    def answer_bounded(request: Any, response: Any) -> Any:
+        count = len(getattr(request, asked))
+        if count > MOST_PARAMETERS:
+            reason = f'{count} {asked} in one request, of at most {MOST_PARAMETERS}; nothing was done: ask for fewer'
+        elif asked == 'parameters':
+            reason = next((_unknown_type(one) for one in request.parameters if one.value.type not in _TYPES), '')
+        else:
+            reason = ''
+        if not reason:
+            return answer(request, response)
         refused = SetParametersResult(successful=False, reason=reason)
         if isinstance(response, SetParameters.Response):
-            response.results = [refused] * len(request.parameters)
-        else:
+            response.results = [refused] * min(count, MOST_PARAMETERS)
+        elif isinstance(response, SetParametersAtomically.Response):
             response.result = refused
+        else:
+            node.get_logger().warning(f'{request_type.__name__} refused: {reason}', throttle_duration_sec=10.0)
         return response
 
-    return answer
+    return answer_bounded
+
+
+def is_parameter_service(request_type: Any) -> bool:
+    """Return whether this is the type of one of the services that rclpy's nodes have for their parameters."""
+    return request_type in _ASKED_FOR
+
+
+def _unknown_type(parameter: Any) -> str:
+    return f'{shown(parameter.name)} is of type {parameter.value.type}, which does not exist; nothing was set'
 
 
 def unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:

@@ -14,7 +14,14 @@ from typing import Any
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 
@@ -392,3 +399,36 @@ def test_a_parameter_of_a_type_that_does_not_exist_is_refused_in_words(service_t
         assert all("speed' is of type 255" in one.reason and not one.successful for one in refused)
         assert runtime.node.get_parameter('speed').value == 1.0
         assert [one.successful for one in results(right)] == [True]
+
+
+@pytest.mark.parametrize(
+    ('service_type', 'name', 'field', 'one'),
+    [
+        (DescribeParameters, 'describe_parameters', 'names', 'use_sim_time'),
+        (GetParameters, 'get_parameters', 'names', 'use_sim_time'),
+        (GetParameterTypes, 'get_parameter_types', 'names', 'use_sim_time'),
+        (ListParameters, 'list_parameters', 'prefixes', 'shown'),
+        (SetParameters, 'set_parameters', 'parameters', ParameterMessage(name='x')),
+        (SetParametersAtomically, 'set_parameters_atomically', 'parameters', ParameterMessage(name='x')),
+    ],
+)
+def test_a_request_for_too_many_parameters_is_refused_before_it_is_looked_at(
+    service_type: Any, name: str, field: str, one: Any
+) -> None:
+    with NodeRuntime.open('asked') as runtime, NodeRuntime.open('client') as client:
+        runtime.call(lambda: runtime.node.declare_parameter('shown.here', 1))
+        link = ServiceLinks(client).link(service_type, f'{runtime.name}/{name}')
+
+        def answer(count: int) -> Any:
+            request = service_type.Request(**{field: [one] * count})
+            return service_outcome(link, request, DEADLINE).response
+
+        refused = answer(1_001)
+        assert refused is not None
+        if field == 'parameters':
+            results = refused.results if service_type is SetParameters else [refused.result]
+            assert {one.successful for one in results} == {False}
+            assert '1001 parameters in one request, of at most 1000' in results[0].reason
+        else:
+            assert refused == service_type.Response()
+        assert answer(1_000) != refused  # as many are served
