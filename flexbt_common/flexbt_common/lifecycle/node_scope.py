@@ -27,6 +27,7 @@ class NodeScope(NodeRuntime):
         # Not what the base makes: that is the host's.
         self._host = host
         self.node = host.node
+        self.default_context = host.default_context
         self.name = host.name
         self.nodes = host.nodes
         self.simulated_time = host.simulated_time

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
 
+from .default_context import DefaultContext, offline_default_context, undiscovered
 from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
@@ -39,6 +40,7 @@ __all__ = [
     'UNKNOWN_NODE',
     'UNKNOWN_WRITER',
     'DeepNode',
+    'DefaultContext',
     'Hang',
     'Health',
     'LatestMessage',
@@ -58,12 +60,14 @@ __all__ = [
     'ignore_participant',
     'is_usable',
     'make_executor',
+    'offline_default_context',
     'participant_of',
     'refuse_while_configured',
     'release_lifecycle',
     'reports_writers',
     'resolve_file',
     'run_node',
+    'undiscovered',
     'watch_clock_publishers',
     'writer_name',
 ]

@@ -30,11 +30,14 @@ from threading import Lock, get_ident
 from time import monotonic
 from types import coroutine
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
+from rclpy import wait_for_message
 from rclpy.clock import ClockType
 from rclpy.event_handler import EventHandler, QoSPublisherEventType, QoSSubscriptionEventType
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.task import Task
@@ -100,6 +103,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self._on_turn = on_turn
         self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
         self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
+        self.guests = GuestExecutors()
         self.add_node(node)
 
     is_lent: Final = False
@@ -111,6 +115,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
 
     def turn(self, timeout: float | None) -> None:
         """As :meth:`NodeExecutor.turn`; calls one callback at the most, and waits no longer than 0.02 s."""
+        self.guests.host_thread = get_ident()
         self._on_turn()
         self.listening_time.sample()
         try:
@@ -119,6 +124,7 @@ class StockNodeExecutor(SingleThreadedExecutor):
             raise
         except Exception as error:
             self._on_fault(error)
+        self.guests.wake()
         if not self.context.ok():
             raise ExternalShutdownException
 
@@ -146,6 +152,7 @@ class NodeExecutor(OpenExecutor):
         self._thread = self._lent_to = 0
         self._turn = _Turn()
         self.listening_time = ListeningTime(SteadyClock(), node.get_clock())
+        self.guests = GuestExecutors()
         self.add_node(node)
 
     def turn(self, timeout: float | None) -> None:
@@ -156,7 +163,7 @@ class NodeExecutor(OpenExecutor):
         Raises:
             ExternalShutdownException: the context is shut down.
         """
-        self._thread = get_ident()
+        self._thread = self.guests.host_thread = get_ident()
         self._run_soon()
         self._let_go_of_ended()
         known = len(self._awaiting)
@@ -242,6 +249,8 @@ class NodeExecutor(OpenExecutor):
         for take, entity in ready:
             self._call(take, entity)
             self._run_soon()
+        if not all(isinstance(entity, GuardCondition) for _, entity in ready):
+            self.guests.wake()
 
     def taking_all(self, subscription: Subscription) -> Callable[[Subscription], object] | None:
         """As that of the base."""
@@ -260,6 +269,7 @@ class NodeExecutor(OpenExecutor):
         except Exception as error:
             if not any(task.exception() is error for task in self._awaiting):  # those are told when they are let go
                 self._on_fault(error)
+        self.guests.wake()
 
     def _let_go_of_ended(self) -> None:
         if not self._awaiting:
@@ -295,7 +305,7 @@ class NodeExecutor(OpenExecutor):
         self.simulated_time.subscription = next(filter(is_clock_subscription, self._node.subscriptions), None)
         entities = {
             'timer': all_of('timers'),
-            'subscription': all_of('subscriptions'),
+            'subscription': [one for one in all_of('subscriptions') if not _waits_itself(one)],
             'guard_condition': guards,
             'client': all_of('clients'),
             'service': all_of('services'),
@@ -331,6 +341,59 @@ class NodeExecutor(OpenExecutor):
             task = self._soon.popleft()
             task()
             self._tell_fault(task)
+
+
+def _waits_itself(subscription: Subscription) -> bool:
+    """Whether it has a wait set of its own, on the thread that has made it."""
+    return getattr(subscription.callback, '__module__', '') == wait_for_message.__name__
+
+
+class GuestExecutors:
+    """Executors of users' code to which a node is added that this process spins already.
+
+    rclpy would move the node to the other executor: ``rclpy.spin_once(node)`` in a state would leave the node without
+    one afterwards, and two threads would take its messages meanwhile. Instead the node stays where it is, and the
+    guest waits: it is given something to do whenever the node's own executor has called callbacks, so that all forms
+    of spinning come back as they would.
+    """
+
+    def __init__(self) -> None:
+        self.host_thread = 0
+        self._lock = Lock()
+        self._woken: WeakKeyDictionary[Executor, Task | None] = WeakKeyDictionary()
+
+    def admit(self, guest: Executor, node: Node) -> None:
+        """Have ``guest`` wait for the callbacks of ``node``, which was added to it.
+
+        Raises:
+            RuntimeError: this is the thread that calls these callbacks.
+        """
+        guest.remove_node(node)
+        if get_ident() == self.host_thread:
+            raise RuntimeError(
+                f'a callback of node {node.get_fully_qualified_name()} cannot spin this node: what it waits for is '
+                'called on the same thread after it has returned. Return from the callback, and go on in another one '
+                '(future.add_done_callback), or in the execute() of a state or the tick of a leaf'
+            )
+        with self._lock:
+            self._woken[guest] = None
+
+    def wake(self) -> None:
+        """Callbacks have been called."""
+        if not self._woken:
+            return
+        with self._lock:
+            for guest, task in tuple(self._woken.items()):
+                if task is not None and not task.done():
+                    continue  # it spins no more, or is behind
+                try:
+                    self._woken[guest] = guest.create_task(_nothing)
+                except (AttributeError, InvalidHandle):  # it is shut down
+                    del self._woken[guest]
+
+
+def _nothing() -> None:
+    pass
 
 
 async def _go_on(called: Coroutine[Any, Any, None], awaited: Any, on_end: Callable[[], None]) -> None:

@@ -10,8 +10,8 @@ A node that cannot go on says so by :meth:`NodeRuntime.abort`; so does one whose
 ended it. It is not alive for others any more, and its process ends with an exit code that is not 0.
 
 The order of the end, which is silent whatever the node was doing: the components in reverse order of their
-:meth:`NodeRuntime.on_close`, while callbacks still run; then executor, its thread, the node, the context. Of several
-runtimes of one process, the components of all end first.
+:meth:`NodeRuntime.on_close`, while callbacks still run; then rclpy's default context, which users' code has; then
+executor, its thread, the node, the context. Of several runtimes of one process, the components of all end first.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -47,17 +47,18 @@ from flexbt_core.clock import CoalescedTimers, SteadyClock, Timer
 from flexbt_core.values import lines
 
 from . import rclpy_private
+from .default_context import DefaultContext
 from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
-from .node_executor import make_executor
+from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
 from .node_log import NodeLogger, StandardStreams
 from .parameters import bounded, is_parameter_service, unknown_parameters
-from .ros_clock import RosClock
-
 from .received_messages import COMPLAINT_SECONDS
-__all__ = ['NodeRuntime', 'run_node']
+from .ros_clock import RosClock
 from .sender_rates import RepeatedReports
+
+__all__ = ['NodeRuntime', 'run_node']
 
 T = TypeVar('T')
 
@@ -91,6 +92,20 @@ class DeepNode(Node):
         return self._bounded_logger
 
     _bounded_logger: NodeLogger | None = None
+
+    @property
+    def executor(self) -> Executor | None:
+        """The executor that spins the node. Another one, to which users' code adds the node, is its guest."""
+        executor: Executor | None = Node.executor.fget(self)
+        return executor
+
+    @executor.setter
+    def executor(self, executor: Executor | None) -> None:
+        own = self.executor
+        if isinstance(own, NodeExecutor | StockNodeExecutor) and executor not in (own, None):
+            own.guests.admit(executor, self)
+        else:
+            Node.executor.fset(self, executor)
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Any, *, qos_profile: QoSProfile | None = None, **options: Any
@@ -164,6 +179,8 @@ class NodeRuntime:
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
+        self.default_context = DefaultContext(args, self.node)
+        """rclpy's own, which is opened by what runs users' code. It ends with the runtime."""
         self.name = self.node.get_name()
         self.nodes: list[Node] = [self.node]
         """Those that are destroyed at the end, the last one first."""
@@ -172,6 +189,7 @@ class NodeRuntime:
         self.is_at_rest = False
         """Whether everything has come to its end but for the nodes, which are still to be taken out of the graph."""
         self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
+        self._reports = RepeatedReports(COMPLAINT_SECONDS, self.steady.now)
         self.health = Health(self.steady)
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
@@ -190,7 +208,6 @@ class NodeRuntime:
     @contextlib.contextmanager
     def open(
         cls,
-        self._reports = RepeatedReports(COMPLAINT_SECONDS, self.steady.now)
         name: str,
         *,
         args: Sequence[str] | None = (),
@@ -383,6 +400,7 @@ class NodeRuntime:
                 return
             self._is_closing = True
             self._closed.set()
+        self.default_context.close()  # first, since a callback may wait in it
         self.steady.close()
         self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
         self._thread.join()
@@ -483,6 +501,14 @@ class NodeRuntime:
             time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
 
 
+def _place_of(error: BaseException) -> tuple[str, int]:
+    """Return the file and line that raised it."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return ('', 0) if trace is None else (trace.tb_frame.f_code.co_filename, trace.tb_lineno)
+
+
 def run_node(
     name: str,
     setup: Callable[[NodeRuntime], object],
@@ -502,14 +528,6 @@ def run_node(
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
         print(_HELP.format(name=name, about=(about or '').strip()))
         return 0
-def _place_of(error: BaseException) -> tuple[str, int]:
-    """Return the file and line that raised it."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return ('', 0) if trace is None else (trace.tb_frame.f_code.co_filename, trace.tb_lineno)
-
-
     try:
         unknown = remove_ros_args([name, *given])[1:]
     except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS

@@ -2,7 +2,8 @@
 """The run on whose thread some code is, for code of behaviors that is handed neither a state nor services.
 
 A behavior is built and run on one thread, so that what is set there holds for its constructors and callbacks, and for
-no other run. FlexBE's interfaces need it: they find their node by themselves.
+no other run. The thread that spins the node belongs to the same run, for callbacks of topics and timers. FlexBE's
+interfaces need it: they find their node by themselves.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from flexbt_core.state_machine import Severity
 from flexbt_onboard.errors import OnboardError
@@ -38,7 +39,11 @@ class RunContext:
     @cached_property
     def services(self) -> StateServices:
         """The services of the states."""
-        return self._make_services()
+        services = self._make_services()
+        runtime = services.runtime
+        runtime.post(lambda: _current.set(self))
+        self._at_end.append(lambda: runtime.post(self._leave_thread))
+        return services
 
     def shared(self, make: Callable[[RunContext], T]) -> T:
         """What ``make`` gave when it was asked for first: one for the whole run."""
@@ -55,6 +60,7 @@ class RunContext:
     def entered(self) -> Iterator[None]:
         """For the length of the block, :func:`current_run` gives this run on this thread; then it is over."""
         token = _current.set(self)
+        _entered.append(self)
         try:
             yield
         finally:
@@ -62,7 +68,12 @@ class RunContext:
                 while self._at_end:
                     self._close(self._at_end.pop())
             finally:
+                _entered.remove(self)
                 _current.reset(token)
+
+    def _leave_thread(self) -> None:
+        if _current.get() is self:
+            _current.set(None)
 
     def _close(self, close: Callable[[], object]) -> None:
         """What one raises is told, and keeps no other from being closed."""
@@ -75,15 +86,22 @@ class RunContext:
 _current: ContextVar[RunContext | None] = ContextVar('run', default=None)
 
 
+_entered: Final[list[RunContext]] = []
+"""Those whose block goes on, for threads that users' code has started."""
+
+
 def current_run() -> RunContext:
-    """The run on whose thread this is.
+    """The run on whose thread this is; on a thread of nobody's, the only run of the process.
 
     Raises:
-        OnboardError: the thread belongs to no run.
+        OnboardError: the thread belongs to no run, and there is none or there are several.
     """
     run = _current.get()
-    if run is None:
-        raise OnboardError(
-            'this works only where a behavior is built or run: in its create(), in constructors and callbacks of states'
-        )
-    return run
+    if run is not None:
+        return run
+    if len(_entered) == 1:
+        return _entered[0]
+    raise OnboardError(
+        'this works only where a behavior is built or run: in its create(), in constructors and callbacks of states, '
+        f'and on threads of a process with one run; it has {len(_entered) or "none"}'
+    )

@@ -207,6 +207,8 @@ class Executive:
 
     def close(self) -> None:
         """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
+        # Ends a state that loops over rclpy.ok(). Not at once: what is left in order may need it.
+        self._runtime.post_in(SHUTDOWN_SECONDS / 2, self._runtime.default_context.shut_down)
         try:
             self.deactivate(SHUTTING_DOWN, SHUTTING_DOWN, SHUTDOWN_SECONDS)
         except OnboardError as error:
@@ -287,6 +289,7 @@ def open_executive(
     runtime: NodeRuntime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None, refusal: str = ''
 ) -> Executive:
     """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
+    runtime.default_context.open()
     found = BehaviorLibrary.discover() if library is None else library
     # Here it holds up nobody: whoever opens the journal waits for the same, on the executor thread.
     RunJournal.await_closed(parameters.journal_directory, runtime.node.get_fully_qualified_name())

@@ -240,6 +240,7 @@ class BehaviorRun:
             self._commit()
 
     def _main(self) -> None:
+        self._services.runtime.default_context.open()  # a state of the run before may have shut it down
         with self._watch, RunContext(lambda: self._services, self._machine_observer.log).entered():
             try:
                 self._build_and_drive()

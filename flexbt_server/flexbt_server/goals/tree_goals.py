@@ -285,6 +285,7 @@ class TreeGoals:
         )
         running = goal.running = RunningTree(run_id, found.key, name, board, run, goal)
         run.hold(self._reason_to_hold(goal))
+        self._runtime.default_context.open()  # a leaf may have shut it down
         run.start()
         self.running.add(running)
         self._schedule_feedback(running)

@@ -53,6 +53,7 @@ class BtServer:
         """
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         logger = runtime.node.get_logger()
+        runtime.default_context.open()
         registry = node_registry(
             lambda nodes, error: logger.error(f'{nodes} not added: {error!r}'), parameters.nav2_branch
         )
@@ -140,6 +141,7 @@ class BtServer:
         self._log(f'the BT server {refusal}')
 
     def _end(self, runtime: NodeRuntime) -> None:
+        runtime.post_in(_END_SECONDS / 2, runtime.default_context.shut_down)  # ends a leaf that loops over rclpy.ok()
         if not self._stop(SHUTTING_DOWN, SHUTTING_DOWN, _END_SECONDS):
             runtime.fail(f'a tree was running {_END_SECONDS:g} s after the stop; leaving it')
 

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import pytest
+import rclpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -453,3 +454,15 @@ def test_damaged_plans_are_refused_or_read(tmp_path_factory: pytest.TempPathFact
     file.write_bytes(text.encode('utf-8', 'surrogatepass'))
     with contextlib.suppress(ToolError):
         mock_run('Main: <Drive to="x"/>', mocks=[str(file)])[0].run(1.0)
+
+
+def test_a_leaf_that_runs_itself_may_use_rclpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    is_ok: list[bool] = []
+
+    def run_of_leaves(_run: MockRun, _timeout: float) -> NodeStatus:
+        is_ok.append(rclpy.ok())
+        return NodeStatus.SUCCESS
+
+    monkeypatch.setattr(MockRun, 'run', run_of_leaves)
+    assert run(tmp_path, document('Main: <AlwaysSuccess/>')).code == 0
+    assert (is_ok, rclpy.ok()) == ([True], False)

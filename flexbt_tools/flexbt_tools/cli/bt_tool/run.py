@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from flexbt_common.runtime import offline_default_context
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.values import one_line
 from flexbt_server.groot2 import SUFFIX
@@ -66,6 +67,11 @@ def _log_file(text: str) -> Path:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
+    with offline_default_context():  # a leaf that runs itself may use rclpy
+        return _run(options)
+
+
+def _run(options: argparse.Namespace) -> ExitCode:
     plan = read_plan(options.mock, options.set)
     registry = arguments.registry(options, allow_unknown=True)
     library = read_library(options.files, registry)
