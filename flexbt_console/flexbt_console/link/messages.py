@@ -22,6 +22,7 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
+    StopGuardStatus,
 )
 
 FARTHEST: Final = 1e9
@@ -71,6 +72,16 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
         authority=message.authority,
         authority_requests=tuple(message.authority_requests),
         stamp=seconds_of(message.stamp),
+    )
+
+
+def guard_record(message: StopGuardStatus) -> records.StopGuard:
+    """Return the record of what the stop guard says."""
+    return records.StopGuard(
+        tuple(result.command_id for result in message.results if result.code == records.ResultCode.APPLIED),
+        message.holding,
+        message.operator_id,
+        tuple(message.going_on),
     )
 
 

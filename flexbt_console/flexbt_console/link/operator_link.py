@@ -54,6 +54,7 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
+    StopGuardStatus,
 )
 
 from .executive_sender import ExecutiveSender, Succession
@@ -62,6 +63,7 @@ from .messages import (
     behaviors_record,
     command_message,
     event_records,
+    guard_record,
     log_record,
     places_record,
     snapshot_record,
@@ -94,6 +96,11 @@ LIST_DEPTH: Final = 4
 STATUS_BYTES: Final = 4_000_000
 """Bytes of a status, at most."""
 
+GUARD_RATE: Final = 20.0
+GUARD_BURST: Final = 100
+GUARD_BYTES: Final = 100_000
+"""What is taken of the stop guard, as of the status: it sends some bytes when it stops the robot."""
+
 TELL_SECONDS: Final = 10.0
 """Between two lines about messages that cannot be read."""
 
@@ -125,6 +132,7 @@ class OperatorLink:
         self._resend: Timer | None = None
         self._executives = 0
         self._reachable = False
+        self._guard_rates = SenderRates(GUARD_RATE, GUARD_BURST, runtime.steady.now)
         self._id = uuid.uuid4().hex
         self._heard = 0.0
         self._picture: list[ReceivedMessages] = []
@@ -277,6 +285,10 @@ class OperatorLink:
         self._pings = node.create_publisher(
             Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
         )
+        guard = self._topic(names.STOP_GUARD_STATUS)
+        self._guards = ReceivedMessages(
+            node, StopGuardStatus, guard, names.latched(LIST_DEPTH), self._on_guard, GUARD_BYTES
+        )
         pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
         ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
         if gives_commands:
@@ -322,7 +334,12 @@ class OperatorLink:
         commands.lifespan = Duration(nanoseconds=int(LONGEST_RESEND * 1e9))
         stops = names.stop()
         stops.lifespan = commands.lifespan
-        self._stops = self._runtime.node.create_publisher(ExecutiveCommand, self._topic(names.EXECUTIVE_STOP), stops)
+        self._stops = self._runtime.node.create_publisher(
+            ExecutiveCommand,
+            self._topic(names.EXECUTIVE_STOP),
+            stops,
+            event_callbacks=PublisherEventCallbacks(matched=self._on_stop_matched),
+        )
         self._commands = self._runtime.node.create_publisher(
             ExecutiveCommand,
             self._command_topic,
@@ -379,6 +396,14 @@ class OperatorLink:
             seconds, nanoseconds = divmod(time.time_ns(), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
 
+    def _on_guard(self, received: Received) -> None:
+        if not self._guard_rates.allows(received.participant):
+            self._guards.blame(received)
+            return
+        message = self._unpacked(received, StopGuardStatus, names.STOP_GUARD_STATUS)
+        if message is not None:
+            self._mirror.receive_guard(guard_record(message))
+
     def _on_pong(self, received: Received) -> None:
         with contextlib.suppress(ValueError):  # not from the executive
             echo = received.unpack(Header)
@@ -391,6 +416,11 @@ class OperatorLink:
             self._mirror.sender_gone()
             return
         self._find_problems()
+
+    def _on_stop_matched(self, status: Any) -> None:
+        if status.current_count_change > 0:
+            self._mirror.send_stops_again()
+            self._send_due()
 
     def _on_command_matched(self, status: Any) -> None:
         self._reachable = status.current_count > 0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The mirror of an executive: a plain model without ROS and without a user interface, which serves them all."""
 
-from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, TrackedCommand
+from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, Confirmation, TrackedCommand
 from .fleet import Fleet, RobotOverview, Urgency, overview_of
 from .freshness import LIVE_PERIODS, LOST_PERIODS, LOST_SECONDS, Freshness, LinkState
 from .mirror import Change, Mirror, Transit
@@ -34,6 +34,7 @@ from .records import (
     Snapshot,
     StateKind,
     StateStructure,
+    StopGuard,
     Structure,
     Synthesis,
     SynthesisRequest,
@@ -58,15 +59,16 @@ __all__ = [
     'ActiveState',
     'AutonomyLevel',
     'Behavior',
+    'BehaviorInput',
     'BehaviorList',
     'BehaviorParameter',
     'Change',
-    'BehaviorInput',
     'Command',
     'CommandKind',
     'CommandResult',
     'CommandState',
     'CommandTracker',
+    'Confirmation',
     'Decision',
     'DecisionKind',
     'EventKind',
@@ -93,6 +95,7 @@ __all__ = [
     'StateKind',
     'StateStructure',
     'StatusChange',
+    'StopGuard',
     'Structure',
     'Surroundings',
     'Synthesis',

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from .records import Command, CommandKind, ResultCode, Snapshot
+from .records import Command, CommandKind, ResultCode, Snapshot, StopGuard
 
 FIRST_RESEND: Final = 0.15
 """Seconds until an unanswered command is sent again; doubled each time."""
@@ -24,6 +25,14 @@ ANSWER_SECONDS: Final = 3.0
 long after it was given, a status without the answer is not of the executive that has got it."""
 
 
+class Confirmation(Enum):
+    """Who says that a command has had its effect. The stop guard carries out a STOP to which the executive has not
+    answered."""
+
+    EXECUTIVE = 'executive'
+    STOP_GUARD = 'stop guard'
+
+
 class CommandState(Enum):
     """Where a command is. TIMEOUT: there was no answer, and it may have had its effect or not."""
 
@@ -35,7 +44,10 @@ class CommandState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TrackedCommand:
-    """A command and its fate; ``label`` is what the operator calls it, times are in seconds on the tracker's clock."""
+    """A command and its fate; ``label`` is what the operator calls it, times are in seconds on the tracker's clock.
+
+    ``confirmed_by`` says who has applied it.
+    """
 
     command: Command
     label: str
@@ -46,6 +58,7 @@ class TrackedCommand:
     sends: int = 0
     next_send: float = 0.0
     is_passed_over: bool = False
+    confirmed_by: Confirmation | None = None
     settled: float | None = None
 
     @property
@@ -90,22 +103,41 @@ class CommandTracker:
     def due(self, now: float, reachable: bool = True) -> list[Command]:
         """The commands to be sent now, for the first time or again; ends those whose time is over.
 
-        While the executive is not ``reachable``, nothing is handed out, and no time between sends is lost.
+        While the executive is not ``reachable``, only STOPs are handed out, which others may hear, and of other
+        commands no time between sends is lost. A STOP that only the stop guard has confirmed is for the executive, too.
         """
         send = []
-        for tracked in self.pending():
+        for tracked in self._sent():
             if now >= tracked.deadline:
-                self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
-            elif reachable and now >= tracked.next_send:
+                if tracked.state is CommandState.PENDING:
+                    self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
+                else:
+                    self._commands[tracked.command.id] = replace(tracked, next_send=math.inf)
+            elif (reachable or _is_stop(tracked)) and now >= tracked.next_send:
                 wait = min(FIRST_RESEND * 2.0 ** min(tracked.sends, _DOUBLINGS), LONGEST_RESEND)
                 self._commands[tracked.command.id] = replace(tracked, sends=tracked.sends + 1, next_send=now + wait)
                 send.append(tracked.command)
         return send
 
+    def send_stops_again(self, now: float) -> None:
+        """Hand the STOPs out that wait for an answer: somebody has come who may not have heard them."""
+        for tracked in self._sent():
+            if _is_stop(tracked):
+                self._commands[tracked.command.id] = replace(tracked, next_send=now)
+
     def next_due(self, reachable: bool = True) -> float | None:
         """Time at which :meth:`due` has something to do, or None."""
-        times = [min(c.next_send, c.deadline) if reachable else c.deadline for c in self.pending()]
+        times = [min(c.next_send, c.deadline) if reachable or _is_stop(c) else c.deadline for c in self._sent()]
         return min(times, default=None)
+
+    def _sent(self) -> list[TrackedCommand]:
+        """The commands that are sent until the executive has answered, or their time is over."""
+        return [
+            tracked
+            for tracked in self._commands.values()
+            if tracked.state is CommandState.PENDING
+            or (tracked.confirmed_by is Confirmation.STOP_GUARD and tracked.next_send < math.inf)
+        ]
 
     def answered(self, snapshot: Snapshot, now: float) -> list[TrackedCommand]:
         """Take the answers of a snapshot, and give the commands that it settled.
@@ -117,10 +149,15 @@ class CommandTracker:
         settled = []
         for answer in snapshot.results:
             tracked = self._commands.get(answer.command_id)
-            if tracked is None or tracked.state not in (CommandState.PENDING, CommandState.TIMEOUT):
+            if tracked is None:
+                continue
+            is_by_guard = tracked.confirmed_by is Confirmation.STOP_GUARD
+            if tracked.state not in (CommandState.PENDING, CommandState.TIMEOUT) and not is_by_guard:
                 continue
             if answer.code is ResultCode.APPLIED:
-                settled.append(self._settle(tracked, CommandState.APPLIED, '', now))
+                settled.append(self._settle(tracked, CommandState.APPLIED, '', now, Confirmation.EXECUTIVE))
+            elif is_by_guard:
+                continue  # it stands still all the same
             elif answer.code is ResultCode.REFUSED:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))
@@ -132,14 +169,36 @@ class CommandTracker:
                 self._commands[tracked.command.id] = replace(tracked, is_passed_over=True)
         return settled
 
-    def _settle(self, tracked: TrackedCommand, state: CommandState, reason: str, now: float) -> TrackedCommand:
-        settled = replace(tracked, state=state, reason=reason, settled=now)
+    def carried_out(self, guard: StopGuard, now: float) -> bool:
+        """Take what the stop guard says that it has carried out; whether that settled anything."""
+        open_ones = (CommandState.PENDING, CommandState.TIMEOUT, CommandState.REFUSED)
+        found = [self._commands.get(command_id) for command_id in guard.carried_out]
+        stops = [one for one in found if one is not None and one.state in open_ones and _is_stop(one)]
+        for tracked in stops:
+            self._settle(tracked, CommandState.APPLIED, '', now, Confirmation.STOP_GUARD)
+        return bool(stops)
+
+    def _settle(
+        self,
+        tracked: TrackedCommand,
+        state: CommandState,
+        reason: str,
+        now: float,
+        by: Confirmation | None = None,
+    ) -> TrackedCommand:
+        settled = replace(tracked, state=state, reason=reason, settled=now, confirmed_by=by)
         self._commands[tracked.command.id] = settled
         return settled
 
 
+def _is_stop(tracked: TrackedCommand) -> bool:
+    return tracked.command.kind is CommandKind.STOP
+
+
 def _unanswered(tracked: TrackedCommand) -> str:
     waited = f'within {tracked.deadline - tracked.given:g} s'
+    if _is_stop(tracked):
+        return f'neither the executive nor the stop guard has confirmed it {waited}: stop the robot by other means'
     if tracked.sends == 0:
         return f'the executive does not listen to commands {waited}; nothing was sent'
     return f'no answer {waited}; it may have been applied all the same: see "status"'

@@ -26,6 +26,7 @@ from .records import (
     LogLine,
     Pose,
     Snapshot,
+    StopGuard,
     Structure,
 )
 from .standstill import StandstillWatch
@@ -100,6 +101,7 @@ class Mirror:
         self._listeners: list[Callable[[Change], None]] = []
         self._freshness = Freshness(lost_after)
         self._commands = CommandTracker()
+        self._guard = StopGuard()
         self._snapshot: Snapshot | None = None
         self._sent: float | None = None
         self._newest: OrderedDict[str, int] = OrderedDict()
@@ -153,6 +155,13 @@ class Mirror:
         if settled:
             self._tell(Change.COMMAND)
         return True
+
+    def receive_guard(self, guard: StopGuard) -> None:
+        """Take what the stop guard says."""
+        with self._lock:
+            self._guard = guard
+            settled = self._commands.carried_out(guard, self._now())
+        self._tell(Change.COMMAND if settled else Change.LINK)
 
     def receive_structure(self, structure: Structure) -> None:
         """Take the state machine of a run."""
@@ -313,6 +322,11 @@ class Mirror:
             self._tell(Change.COMMAND)
         return send
 
+    def send_stops_again(self) -> None:
+        """Hand the STOPs out that wait for an answer: somebody has come who may not have heard them."""
+        with self._lock:
+            self._commands.send_stops_again(self._now())
+
     def next_command_time(self, reachable: bool) -> float | None:
         """Time on the mirror's clock at which :meth:`due_commands` has something to do, or None."""
         with self._lock:
@@ -351,6 +365,7 @@ class Mirror:
                 trees=self._trees.runs(),
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
+                guard=self._guard,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:

@@ -204,6 +204,17 @@ class Peer:
 
 
 @dataclass(frozen=True, slots=True)
+class StopGuard:
+    """What the stop guard does (StopGuardStatus.msg): the identifiers of the STOPs that it has ``carried_out``, and for
+    whose it keeps the robot at rest, if it does. ``going_on`` are actions that go on all the same."""
+
+    carried_out: tuple[str, ...] = ()
+    holding: bool = False
+    operator: str = ''
+    going_on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The whole state of an executive; ``heartbeat_period`` in seconds of wall time."""
 

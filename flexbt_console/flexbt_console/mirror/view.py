@@ -17,6 +17,7 @@ from .records import (
     Pose,
     Snapshot,
     StateStructure,
+    StopGuard,
     Structure,
 )
 from .standstill import UnwantedMotion
@@ -34,7 +35,7 @@ class View:
     which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
     ``trees`` are those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody
     asked for them.
-    ``unwanted_motion``: the robot moves though it should stand.
+    ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard says.
     """
 
     link: LinkState
@@ -50,6 +51,7 @@ class View:
     trees: tuple[TreeRun, ...] = ()
     surroundings: Surroundings = field(default_factory=Surroundings)
     unwanted_motion: UnwantedMotion | None = None
+    guard: StopGuard = field(default_factory=StopGuard)
 
     @property
     def live(self) -> bool:

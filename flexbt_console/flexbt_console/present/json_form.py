@@ -25,7 +25,7 @@ def status_json(view: View) -> dict[str, Any]:
     shown = (field.name for field in dataclasses.fields(snapshot) if field.name != 'results') if snapshot else ()
     known = {name: getattr(snapshot, name) for name in shown}
     link = {'link': view.link.value, 'age': view.age, 'problem': view.problem}
-    return {**link, 'unwanted_motion': view.unwanted_motion, **known}
+    return {**link, 'unwanted_motion': view.unwanted_motion, 'guard': view.guard, **known}
 
 
 def robots_json(robots: Sequence[RobotOverview]) -> list[dict[str, Any]]:
@@ -99,6 +99,7 @@ def result_json(name: str, tracked: TrackedCommand, exit_code: ExitCode, **more:
         'id': tracked.command.id,
         'result': tracked.state.value,
         'reason': tracked.reason,
+        'confirmed_by': tracked.confirmed_by.value if tracked.confirmed_by is not None else '',
         'duration': tracked.duration if tracked.state is not CommandState.PENDING else None,
         **more,
         'exit_code': int(exit_code),

@@ -13,7 +13,9 @@ from flexbt_console.mirror import (
     ActiveState,
     AutonomyLevel,
     Behavior,
+    CommandKind,
     CommandState,
+    Confirmation,
     Decision,
     DecisionKind,
     EventKind,
@@ -297,12 +299,22 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
 
 
 def alarm_line(view: View) -> str:
-    """That the robot moves though it should stand; '' when it is not so."""
+    """That the robot moves though it should stand, or that the stop guard holds it; '' when neither is so."""
     motion = view.unwanted_motion
     if motion is None:
-        return ''
+        return _guard_line(view)
     how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
     return Line(f'ALARM: THE ROBOT MOVES, {how_far} so far, though {motion.why}; stop it again', Tone.ERROR)
+
+
+def _guard_line(view: View) -> str:
+    guard = view.guard
+    if not guard.holding:
+        return ''
+    goes_on = f'; {", ".join(map(one_line, guard.going_on))} goes on, restart it' if guard.going_on else ''
+    who = one_line(guard.operator) or 'somebody'
+    text = f'HELD BY THE STOP GUARD: the executive has not answered the STOP of {who}; restart it'
+    return Line(f'{text}{goes_on}', Tone.ERROR)
 
 
 def robot_line(robot: RobotOverview) -> str:
@@ -371,10 +383,16 @@ def stamp_text(stamp: float) -> str:
 def command_result_lines(tracked: TrackedCommand) -> list[str]:
     """What became of a command; continuation lines of the reason are indented."""
     name, duration = one_line(tracked.label, LABEL_LENGTH), tracked.duration
+    is_stop = tracked.command.kind is CommandKind.STOP
     if tracked.state is CommandState.APPLIED:
         text = [f'{name}: applied ({(duration or 0.0) * 1e3:.0f} ms)']
+        if is_stop and tracked.confirmed_by is Confirmation.STOP_GUARD:
+            told = 'confirmed by the stop guard, which holds the robot; not by the executive'
+            return [Line(f'{text[0]}, {told}', Tone.WARNING)]
+        if is_stop:
+            text = [f'{text[0]}, confirmed by the executive']
     elif tracked.state is CommandState.PENDING:
-        text = [f'{name}: sent, no answer yet']
+        text = [f'{name}: sent, {"NOT CONFIRMED yet" if is_stop else "no answer yet"}']
     else:
         first, *more = lines(tracked.reason)
         end = 'refused' if tracked.state is CommandState.REFUSED else 'NO ANSWER'

@@ -14,17 +14,20 @@ from flexbt_console.mirror import (
     CommandKind,
     CommandResult,
     CommandState,
+    Confirmation,
     Mirror,
     ResultCode,
     Snapshot,
+    StopGuard,
     Transit,
 )
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
+from flexbt_console.present import alarm_line, command_result_lines
 from flexbt_core.clock import ManualClock
 
 
-def command(id: str) -> Command:
-    return Command(id, CommandKind.STOP, 'ann', executive_id='e')
+def command(id: str, kind: CommandKind = CommandKind.STOP) -> Command:
+    return Command(id, kind, 'ann', executive_id='e')
 
 
 def answers(sequence: int, *codes: tuple[str, ResultCode, str], executive: str = 'e') -> Snapshot:
@@ -123,13 +126,61 @@ def test_a_command_that_waits_for_hours_is_sent_all_the_time() -> None:
 
 def test_nothing_is_sent_to_nobody() -> None:
     clock, mirror = linked()
-    mirror.give(command('a'), 1.0)
+    mirror.give(command('a', CommandKind.PAUSE), 1.0)
     assert mirror.due_commands(False) == []
     assert mirror.next_command_time(False) == 1.0
     clock.advance(1.0)
     mirror.due_commands(False)
     tracked = mirror.command('a')
     assert tracked is not None and 'nothing was sent' in tracked.reason
+
+
+def test_a_stop_is_sent_whoever_is_there_and_again_when_somebody_comes() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 5.0)
+    assert [one.id for one in mirror.due_commands(False)] == ['a']
+    assert mirror.due_commands(False) == []
+    mirror.send_stops_again()
+    assert [one.id for one in mirror.due_commands(False)] == ['a']
+    due = mirror.next_command_time(False)
+    assert due is not None and due < 1.0
+    clock.advance(5.0)
+    mirror.due_commands(False)
+    tracked = mirror.command('a')
+    assert tracked is not None and 'stop the robot by other means' in tracked.reason
+    assert 'neither the executive nor the stop guard' in command_result_lines(tracked)[0]
+
+
+def test_a_stop_that_the_guard_has_confirmed_goes_on_to_the_executive() -> None:
+    clock, mirror = linked()
+    mirror.give(command('a'), 5.0)
+    mirror.give(command('b', CommandKind.PAUSE), 5.0)
+    mirror.due_commands(True)
+    clock.advance(0.2)
+    mirror.receive_guard(StopGuard(('a', 'b', 'unknown'), holding=True, operator='ann'))
+    tracked = mirror.command('a')
+    assert tracked is not None
+    assert (tracked.state, tracked.confirmed_by) == (CommandState.APPLIED, Confirmation.STOP_GUARD)
+    assert 'confirmed by the stop guard' in command_result_lines(tracked)[0]
+    assert state(mirror, 'b') is CommandState.PENDING, 'it stops, and does nothing else'
+    assert 'HELD BY THE STOP GUARD' in alarm_line(mirror.view())
+    assert 'a' in [one.id for one in mirror.due_commands(True)]
+    mirror.receive_snapshot(answers(2, ('a', ResultCode.REFUSED, 'unconfigured')))
+    assert state(mirror, 'a') is CommandState.APPLIED, 'the robot is stopped all the same'
+    mirror.receive_guard(StopGuard(('a',)))
+    mirror.receive_snapshot(answers(3, ('a', ResultCode.APPLIED, '')))
+    tracked = mirror.command('a')
+    assert tracked is not None and tracked.confirmed_by is Confirmation.EXECUTIVE
+    assert 'confirmed by the executive' in command_result_lines(tracked)[0]
+    assert not alarm_line(mirror.view())
+    mirror.receive_guard(StopGuard(('a',)))
+    assert tracked == mirror.command('a')
+    mirror.give(command('c'), 5.0)
+    mirror.receive_guard(StopGuard(('c',)))
+    clock.advance(5.0)
+    mirror.due_commands(True)
+    assert state(mirror, 'c') is CommandState.APPLIED, 'it is not without an answer, though the executive is'
+    assert mirror.next_command_time(True) is None
 
 
 @given(seed=st.integers(0, 2**32), loss=st.sampled_from([0.0, 0.3, 0.7]))

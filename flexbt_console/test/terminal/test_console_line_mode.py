@@ -159,7 +159,7 @@ def test_exit_code_5_without_an_executive() -> None:
     [
         (['status', '--json'], 'an executive (none was heard yet)'),
         (['robots'], 'the status of /nobody'),
-        (['stop'], 'the answer of the executive'),
+        (['stop'], 'the answer of the executive or the stop guard'),
     ],
 )
 def test_what_takes_long_is_said_beside_the_answer(executives: Any, words: list[str], wanted: str) -> None:

@@ -168,11 +168,11 @@ class MotionStop:
 
     def _act(self) -> None:
         self._timer = self._runtime.post_in(_PERIOD, self._act)
+        if self._moves() or self._runtime.steady.now() < self._zero_until:
+            self._command_zero()
         if self._round % _CANCEL_PERIODS == 0:
             self._cancel_all_of(self._servers())
         self._round += 1
-        if self._moves() or self._runtime.steady.now() < self._zero_until:
-            self._command_zero()
 
     def _servers(self) -> list[str]:
         node = self._runtime.node

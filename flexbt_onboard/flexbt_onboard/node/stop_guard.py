@@ -93,12 +93,17 @@ class StopGuard:
             names.latched(STATUS_DEPTH),
             self._on_status,
             STATUS_BYTES,
-            is_awaited=lambda: bool(self._open),
+            is_awaited=lambda: self.is_open,
         )
         CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
         self._publish()
         runtime.on_close(lambda: runtime.call(self._motion.release))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it waits for the executive to apply a STOP. From any thread."""
+        return bool(self._open)
 
     def _on_stop(self, stop: ExecutiveCommand, _writer: bytes) -> None:
         """An operator stops the robot, for the first time or again; or the guard has repeated that."""
@@ -116,6 +121,7 @@ class StopGuard:
         )
         if len(self._open) > _OPEN_STOPS:
             self._open.popitem(last=False)
+        self._repeat()  # the executive may not know that console yet, or may be out of its reach
         if self._motion.is_holding:
             self._carry_out()
         elif self._timer is None:
@@ -157,7 +163,7 @@ class StopGuard:
         self._timer = self._runtime.post_in(REPEAT_SECONDS, self._carry_out)
 
     def _repeat(self) -> None:
-        if self._open and self._motion.is_holding:
+        if self._open:
             self._stops.publish(self._latest)
 
     def _release(self) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import signal
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.system.console_process import run_console
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import uncontended_time, wait_until
@@ -163,6 +165,29 @@ def test_a_stop_of_a_run_whose_executive_hangs(system: tuple[Stack, Probe, Guard
     wait_until(lambda: not guard.holds, 'the guard lets the robot go')
     probe.wait_at_rest()
     assert probe.moved_stamp == where, 'what was stopped moves again'
+
+
+def test_a_console_says_who_has_confirmed_a_stop(system: tuple[Stack, Probe, Guard]) -> None:
+    """Also one that begins when the executive hangs, so that it has no picture."""
+    stack, probe, guard = system
+    probe.wait_ready()
+    alive = run_console('stop', '--operator', 'ann')
+    assert alive.returncode == 0 and 'confirmed by the executive' in alive.stdout, alive
+    stack.send_signal('onboard_executive', signal.SIGSTOP)
+    try:
+        hung = run_console('stop', '--operator', 'ann')
+        assert hung.returncode == 0 and 'confirmed by the stop guard' in hung.stdout, hung
+        status = run_console('status', '--operator', 'ann', '--timeout', '2')
+        assert 'HELD BY THE STOP GUARD' in status.stdout, status
+        stack.send_signal('stop_guard', signal.SIGSTOP)
+        neither = run_console('stop', '--operator', 'ann', '--timeout', '2', '--json')
+        told = json.loads(neither.stdout)
+        assert neither.returncode != 0 and told['confirmed_by'] == '', neither
+        assert 'neither the executive nor the stop guard' in told['reason']
+    finally:
+        stack.send_signal('onboard_executive', signal.SIGCONT)
+        stack.send_signal('stop_guard', signal.SIGCONT)
+    wait_until(lambda: not guard.holds, 'the guard lets the robot go')
 
 
 def test_a_guard_that_is_missing_is_shown(system: tuple[Stack, Probe, Guard]) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from flexbt_console.mirror import CommandState, Mirror
+from flexbt_console.mirror import CommandState, Confirmation, Mirror
 from flexbt_console.present import command_result_lines
 from flexbt_core.clock import Clock
 
@@ -18,7 +18,7 @@ SOON_SECONDS: Final = 0.5
 class _Sent:
     mirror: Mirror
     given: float
-    told: CommandState | None = None
+    told: tuple[CommandState, Confirmation | None] | None = None
 
 
 class SentCommands:
@@ -41,14 +41,17 @@ class SentCommands:
         updates = []
         for command_id, sent in list(self._sent.items()):
             tracked = sent.mirror.command(command_id)
-            if tracked is None or tracked.state in (CommandState.APPLIED, CommandState.REFUSED):
+            if tracked is None or (
+                tracked.state in (CommandState.APPLIED, CommandState.REFUSED)
+                and tracked.confirmed_by is not Confirmation.STOP_GUARD  # the executive may still confirm it
+            ):
                 del self._sent[command_id]
-            elif tracked.state is sent.told or (
+            elif (tracked.state, tracked.confirmed_by) == sent.told or (
                 tracked.state is CommandState.PENDING and self._clock.now() < sent.given + SOON_SECONDS
             ):
                 continue
             else:
-                self._sent[command_id] = _Sent(sent.mirror, sent.given, tracked.state)
+                self._sent[command_id] = _Sent(sent.mirror, sent.given, (tracked.state, tracked.confirmed_by))
             if tracked is not None:
                 updates.append(command_result_lines(tracked))
         return updates

@@ -13,6 +13,7 @@ from flexbt_console.commands import Ask, CommandBuilder, CommandLine, CommandSpe
 from flexbt_console.errors import ExitCode, NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.link import OperatorLink
 from flexbt_console.mirror import (
+    CommandKind,
     CommandState,
     ExecutiveEvent,
     ExecutiveState,
@@ -149,11 +150,14 @@ def _prepared(session: Session, spec: CommandSpec, view: View, timeout: float) -
 
 
 def _send(session: Session, spec: CommandSpec) -> ExitCode:
-    view = _prepared(session, spec, session.live_view(), LATCHED_SECONDS)
+    assert isinstance(spec.action, Send)
+    is_stop = CommandKind.STOP in spec.action.kinds  # which waits for nothing: the stop guard may be all that is there
+    seen = session.mirror.view() if is_stop else session.live_view()
+    view = _prepared(session, spec, seen, LATCHED_SECONDS)
     run_before = view.snapshot.run_id if view.snapshot else ''
     command = build(session.line, view, session.make)
     session.link.send(command, session.timeout, spec.name)
-    with session.waiting_for(lambda: 'the answer of the executive'):
+    with session.waiting_for(lambda: f'the answer of the executive{" or the stop guard" if is_stop else ""}'):
         tracked = session.link.settled(command.id, session.timeout + 1.0) or session.mirror.command(command.id)
     if tracked is None:
         raise NoAnswerError('no answer')
@@ -171,7 +175,8 @@ def _wait_for_end(session: Session, name: str, tracked: TrackedCommand, run_befo
         _print(session, Shown(None, command_result_lines(tracked)))
     starting = name == 'start'
     answer = session.mirror.view().snapshot
-    assert answer is not None
+    if answer is None:
+        raise NoLinkError('no executive is there, whose run could be waited for')
     executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
     run: list[str] = [] if starting else [answer.run_id]
 

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The stop guard: when it stops the robot, for how long, and what it leaves to the executive."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+
+import pytest
+from geometry_msgs.msg import Twist
+from nav2_msgs.action import FollowPath
+
+from flexbt_common import names
+from flexbt_common.calls import ActionLinks, GoalStatus
+from flexbt_common.runtime import NodeRuntime
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus, StopGuardStatus
+from flexbt_onboard.node import stop_guard
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
+from flexbt_testing.nodes.sent_goal import SentGoal
+from flexbt_testing.waiting import wait_until
+
+
+class World:
+    """A guard, an operator, a server that drives the robot, and an executive that does what it is told to."""
+
+    guard: stop_guard.StopGuard
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
+        self.statuses: list[StopGuardStatus] = []
+        self.heard: list[ExecutiveCommand] = []
+        self.zeros: list[Twist] = []
+        self.driving = ScriptedActionServer(runtime, FollowPath, names.FOLLOW_PATH)
+        self.links = ActionLinks(runtime)
+        runtime.call(self._open)
+
+    def _open(self) -> None:
+        node = self.runtime.node
+        node.create_subscription(
+            StopGuardStatus, names.STOP_GUARD_STATUS, self.statuses.append, names.latched(depth=100)
+        )
+        node.create_subscription(Twist, names.CMD_VEL, self.zeros.append, 100)
+        self._stops = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop())
+        self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
+
+    def wait_connected(self) -> None:
+        wait_until(lambda: self.statuses and self._stops.get_subscription_count(), 'the guard')
+        wait_until(lambda: self._status.get_subscription_count(), 'the guard hears the executive')
+
+    def begin_executive(self) -> None:
+        """Hear of STOPs: whoever does is an executive for the guard."""
+        self.runtime.call(
+            lambda: self.runtime.node.create_subscription(
+                ExecutiveCommand, names.EXECUTIVE_STOP, self.heard.append, names.stop()
+            )
+        )
+
+    def stop(self, stop_id: str = '', kind: int = ExecutiveCommand.STOP) -> str:
+        stop_id = stop_id or uuid.uuid4().hex
+        self._stops.publish(ExecutiveCommand(id=stop_id, kind=kind, operator_id='ann'))
+        return stop_id
+
+    def answer(self, stop_id: str, code: int = CommandResult.APPLIED) -> None:
+        self._status.publish(ExecutiveStatus(results=[CommandResult(command_id=stop_id, code=code)]))
+
+    def drive(self) -> SentGoal:
+        began = len(self.driving.running)
+        goal = SentGoal(self.links.link(FollowPath, names.FOLLOW_PATH), FollowPath.Goal())
+        wait_until(lambda: len(self.driving.running) > began or goal.ended, 'the goal')
+        return goal
+
+    @property
+    def last(self) -> StopGuardStatus:
+        return self.statuses[-1]
+
+    def wait_holding(self, *stops: str) -> None:
+        done = set(stops)
+        wait_until(
+            lambda: self.last.holding and done <= {one.command_id for one in self.last.results},
+            lambda: f'the guard holds the robot for {stops}; {self.statuses}',
+        )
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    with NodeRuntime.open('world') as runtime, NodeRuntime.open('stop_guard') as guard:
+        world = World(runtime)
+        world.guard = stop_guard.open_stop_guard(guard)
+        world.wait_connected()
+        yield world
+
+
+def test_what_no_executive_answers_is_stopped_and_held_until_one_does(world: World) -> None:
+    goal = world.drive()
+    stop_id = world.stop()
+    world.wait_holding(stop_id)
+    assert world.last.operator_id == 'ann'
+    assert goal.wait().status is GoalStatus.CANCELED
+    wait_until(lambda: world.zeros, 'zero velocity')
+    assert world.drive().wait().status is GoalStatus.CANCELED, 'what comes while the robot is held'
+    world.begin_executive()  # it was restarted, and has heard nothing
+    wait_until(lambda: stop_id in [one.id for one in world.heard], 'the STOP, from the guard')
+    assert world.heard[-1].kind == ExecutiveCommand.STOP and world.heard[-1].operator_id == 'ann'
+    world.answer(stop_id)
+    wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+    world.stop(stop_id)  # a console that has lost the answer
+    world.stop(stop_id)
+    goal = world.drive()
+    other = world.stop()
+    world.wait_holding(other)
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert [status.holding for status in world.statuses] == [False, True, False, True], 'once for each STOP'
+
+
+def test_what_the_executive_answers_is_left_to_it(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    goal = world.drive()
+    with monkeypatch.context() as patched:
+        patched.setattr(stop_guard, 'GRACE_SECONDS', 1e6)  # however busy the machine is
+        for _ in range(3):
+            world.answer(world.stop())
+        wait_until(lambda: not world.guard.is_open, 'the guard has heard the answers')
+    assert not goal.ended and not any(status.holding for status in world.statuses)
+    first, refused = world.stop(), world.stop()
+    world.answer(first)
+    world.answer(refused, CommandResult.REFUSED)  # it is not configured: it stops nothing
+    world.wait_holding(refused)
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert [one.command_id for one in world.last.results] == [refused]
+    latest = world.stop()
+    world.wait_holding(latest)
+    world.answer(latest)  # who has applied this one has applied those before it
+    wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+
+
+def test_only_stops_stop(world: World) -> None:
+    for kind in (ExecutiveCommand.NOTE, ExecutiveCommand.START, 200):
+        world.stop(kind=kind)
+    stop_id = world.stop()
+    world.wait_holding(stop_id)
+    assert [[one.command_id for one in status.results] for status in world.statuses] == [[], [stop_id]]
+
+
+def test_a_stop_without_a_name_stops_and_many_stops_are_bounded(world: World) -> None:
+    goal = world.drive()
+    for stop_id in ('', 'x' * 1000):
+        world._stops.publish(ExecutiveCommand(id=stop_id, kind=ExecutiveCommand.STOP, operator_id='y' * 5000))
+    assert goal.wait().status is GoalStatus.CANCELED
+    stops = [world.stop() for _ in range(60)]
+    world.wait_holding(stops[-1])
+    assert len(world.last.results) <= 32 and len(world.last.operator_id) <= 200
+    world.answer(stops[-1])
+    wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
