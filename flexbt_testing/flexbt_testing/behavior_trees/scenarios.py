@@ -205,6 +205,8 @@ BRANCHES: list[Row] = [
 ]  # fmt: skip
 
 SKIPPING: list[Row] = [
+    ('a tree that is one leaf', sync('A', 'KSKF'), 'ttthto'),
+    ('a tree that is one condition', cond('c', 'KSKF'), 'ttthto'),
     ('a sequence', of('Sequence', '<Script code="A:=1"/>',
         sync('A', 'S', '_successIf="A==2" _failureIf="A!=1" _skipIf="A==1"'), B), 'o'),
     ('all', of('Sequence', sync('A', 'S', '_skipIf="A==1"'), sync('B', 'S', '_skipIf="A &lt; 2"'),

@@ -204,8 +204,7 @@ class _Generator:
             return self._element('Act', 'Action', [('_script', self._letters(True)), *attributes], named=True)
         if chance < 0.8:
             return self._element('Sync', 'Action', [('_script', self._letters(False)), *attributes], named=True)
-        runs = self._random.random() < 0.05
-        return self._element('Cond', 'Condition', [('_script', self._letters(runs)), *attributes], named=True)
+        return self._element('Cond', 'Condition', [('_script', self._letters(False)), *attributes], named=True)
 
     def _blackboard_leaf(self) -> str:
         pick = self._random.choice

@@ -259,8 +259,7 @@ class _WheelGenerator:
             tag = 'Act' if what < 0.6 else 'Sync'
             script = ('_script', self._letters(tag == 'Act'))
             return self._element(tag, 'Action', self._attributes([script, *accesses], named=True))
-        # Now and then a condition that takes time, which the library lets pass.
-        script = ('_script', self._letters(chance() < 0.05))
+        script = ('_script', self._letters(False))
         return self._element('Cond', 'Condition', self._attributes([script, *accesses], named=True))
 
     def _blackboard_leaf(self) -> str:

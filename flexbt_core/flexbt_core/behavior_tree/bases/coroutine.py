@@ -9,7 +9,15 @@ from collections.abc import Callable, Coroutine, Generator
 from typing import Any, Final, Protocol, TypeVar
 
 from flexbt_core.behavior_tree.engine import Halted, LeafNode, NodeConfig, UnfinishedWork
-from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    NodeExecutionError,
+    NodeKind,
+    NodeStatus,
+)
 
 T = TypeVar('T', covariant=True)
 
@@ -97,6 +105,9 @@ class CoroutineAction(LeafNode):
             self._coroutine = self.run()
         try:
             result = self._advance(self._coroutine.send, None)
+        except NodeExecutionError:
+            self.cancel_wake()
+            raise
         except BaseException as error:
             self.cancel_wake()
             raise self.fault(error) from error

@@ -138,6 +138,8 @@ class _Call:
             self.result = self._node.run()
         except Halted:
             pass
+        except NodeExecutionError as error:
+            self.error = error
         except BaseException as error:
             self.error = self._node.fault(error)
             self.error.__cause__ = error

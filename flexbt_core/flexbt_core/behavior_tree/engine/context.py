@@ -6,10 +6,11 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
 from flexbt_core.behavior_tree.model import NodeExecutionError, NodeStatus, Scripts
-from flexbt_core.clock import Clock
+from flexbt_core.clock import Clock, WakeEvent
 
 Tick = Callable[[], NodeStatus]
 """What ticks a node: gives the status that the tick gives, after it was stored."""
@@ -54,7 +55,8 @@ class TreeContext:
     ``woken`` is the wake-up flag: set by :meth:`wake`, taken by the tree. ``advancing`` is whether there is unfinished
     work that needs ticks. ``paused`` is whether leaves hold what they begin elsewhere.
     ``rewrapped`` are nodes for which their parents have to fetch another tick function.
-    ``stopping`` is whether the host wants to stop the tree: a tick that may take long looks at it.
+    ``stopping`` is whether the host wants to stop the tree, see :meth:`stop`: a tick that may take long looks at it.
+    ``resting`` is the host's: a context around each wait within a tick.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
     ``log`` is for what is installed as acceleration. ``monitor`` checks the run, if anything does.
@@ -67,6 +69,7 @@ class TreeContext:
         self.scripts = scripts
         self.woken = False
         self.stopping = False
+        self.resting: Callable[[], AbstractContextManager[None]] = nullcontext
         self.on_wake: Callable[[], None] | None = None
         self.observers: tuple[Callable[[Any, NodeStatus, NodeStatus], None], ...] = ()
         self.log: Any = None
@@ -80,6 +83,7 @@ class TreeContext:
         self.monitor: LeafMonitor | None = None
         self.advancing = False
         self.paused = False
+        self._awaited: WakeEvent | None = None
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()
 
@@ -90,6 +94,24 @@ class TreeContext:
         on_wake = self.on_wake
         if on_wake is not None:
             on_wake()
+
+    def wait(self, event: WakeEvent, clock: Clock, until: float) -> None:
+        """Hold up the tick until ``event`` is set, ``clock`` shows ``until``, or the host wants to stop the tree.
+
+        On the ticking thread.
+        """
+        self._awaited = event  # before the look at ``stopping``
+        if not self.stopping:
+            with self.resting():
+                event.wait(clock, until)
+        self._awaited = None
+
+    def stop(self) -> None:
+        """Have a tick that is under way come to its end: the host wants to stop the tree. From any thread."""
+        self.stopping = True
+        awaited = self._awaited
+        if awaited is not None:
+            awaited.set()
 
     def add_unfinished(self, description: str, advance: Callable[[], None] | None = None) -> UnfinishedWork:
         """Registers work that has to end before the tree is at rest; call ``done()`` of what is returned at its end.

@@ -15,7 +15,9 @@ from flexbt_core.behavior_tree.model import (
     NodeExecutionError,
     NodeKind,
     NodeStatus,
+    TickAbandoned,
 )
+from flexbt_core.clock import Clock, WakeEvent
 from flexbt_core.skills import Skill
 
 from .node import NodeConfig, TreeNode
@@ -44,6 +46,10 @@ class LeafNode(TreeNode):
     acts_later: ClassVar[bool] = False
     """Whether the leaf has its actuators only from when it calls :meth:`acts`, and not as soon as it is RUNNING."""
 
+    begins_without: ClassVar[tuple[str, ...]] = ()
+    """Outputs that a run begins without, unless they are among its inputs: what an earlier run has left there was for
+    another goal. Its host empties them (:meth:`Tree.empty_outputs`)."""
+
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._reason = ''
@@ -59,6 +65,19 @@ class LeafNode(TreeNode):
         monitor = self.context.monitor
         if monitor is not None:
             monitor.acts(self)
+
+    def wait_in_tick(self, event: WakeEvent, clock: Clock, until: float) -> None:
+        """Hold up the tick until ``event`` is set, or ``clock`` shows ``until``.
+
+        For an answer that the leaf needs within this tick and that comes soon: nothing else of the tree is ticked
+        meanwhile. A cancel of the tree ends the wait.
+
+        Raises:
+            TickAbandoned: the tree is to be stopped; let it pass.
+        """
+        self.context.wait(event, clock, until)
+        if self.context.stopping:
+            raise TickAbandoned(self.path, self.id, 'the tree was stopped while this node waited for an answer')
 
     def fail(self, reason: str) -> NodeStatus:
         """FAILURE, with a reason for people: ``return self.fail('no path to the goal')``."""
@@ -78,6 +97,11 @@ class LeafNode(TreeNode):
 
     def on_resume(self) -> None:
         """The tree goes on; the next tick follows. Must not block."""
+
+    def empty_output(self, port: str) -> None:
+        """Write the value of its type that says nothing, such as a path without poses."""
+        kind = self.ports[port].type
+        self.set_output(port, None if kind is None else kind.python_type())
 
     def abandon(self) -> None:
         """The thread that ticks the tree does not come back: end what was begun elsewhere. On another thread."""
@@ -100,6 +124,8 @@ class SyncAction(LeafNode):
         self._reason = ''
         try:
             status = self.tick()
+        except NodeExecutionError:
+            raise
         except BaseException as error:
             raise self.fault(error) from error
         if status is SUCCESS or status is FAILURE:
@@ -128,6 +154,8 @@ class Condition(LeafNode):
         self._reason = ''
         try:
             status = self.tick()
+        except NodeExecutionError:
+            raise
         except BaseException as error:
             raise self.fault(error) from error
         if status is SUCCESS or status is FAILURE:

@@ -22,6 +22,7 @@ from flexbt_core.behavior_tree.model import (
     IDLE,
     MISSING,
     NO_DEFAULT,
+    RUNNING,
     SUCCESS,
     Blackboard,
     BlackboardError,
@@ -382,6 +383,8 @@ class TreeNode(ABC):
             raise self.fault('a tick must not return IDLE')
         if not isinstance(status, NodeStatus):
             raise self.fault(f'a tick has to return a NodeStatus, not {shown(status)}')
+        if status is RUNNING and self.kind is NodeKind.CONDITION:
+            raise self.fault('a condition must not return RUNNING; use StatefulAction for a test that takes time')
         return status
 
 

@@ -68,8 +68,8 @@ class TickCallbacks:
             self._switch()
 
     def release(self) -> None:
-        """The host wants to stop the tree: what callbacks wait for does not matter any more. From any thread."""
-        self._context.stopping = True
+        """The host wants to stop the tree: what its tick waits for does not matter any more. From any thread."""
+        self._context.stop()
         on_release = self.on_release
         if on_release is not None:
             on_release()

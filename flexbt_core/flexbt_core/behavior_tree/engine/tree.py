@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from typing import Any
 
 from flexbt_core.behavior_tree.model import (
+    EMPTY,
     FAILURE,
     IDLE,
     RUNNING,
+    SKIPPED,
     Blackboard,
     FailureTrace,
     NodeDefinition,
@@ -230,7 +232,7 @@ class Tree:
     def _settle(self, status: NodeStatus) -> NodeStatus:
         if status is not RUNNING:
             self._failure = None
-            if self.root.status is status:
+            if status is not SKIPPED and self.root.status is status:
                 self.root.status = IDLE
         self._status = status
         return status
@@ -256,6 +258,21 @@ class Tree:
         self.context.stopping = False
         self._status = IDLE
         self._raise_halt_errors()
+
+    def empty_outputs(self, given: Container[str] = ()) -> None:
+        """Empty what an earlier run has left on the blackboard and this one begins without, as its leaves say.
+
+        Before the first tick. The entries of the tree's own blackboard that are ``given`` stay.
+        """
+        for leaf in [node for node in self.nodes if isinstance(node, LeafNode)]:
+            for port in leaf.begins_without:
+                key = leaf.port_key(port)
+                entry = None if key is None else leaf.blackboard.entry(key)
+                if key is None or entry is None or entry.value is EMPTY:
+                    continue
+                board, outer = leaf.blackboard.outermost(key)
+                if board is not self.blackboard or outer not in given:
+                    leaf.empty_output(port)
 
     def pause(self) -> tuple[str, ...]:
         """Has the RUNNING leaves hold what they have begun; the host does not tick the tree from now on.

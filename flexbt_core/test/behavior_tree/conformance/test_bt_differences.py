@@ -56,6 +56,13 @@ ROWS = [
         'S',
     ),
     Row(
+        'a condition that is RUNNING is an error',
+        '<ReactiveFallback><Cond name="c" _script="RF"/><Act name="a" _script="RS"/></ReactiveFallback>',
+        [TICK],
+        'R',
+        'error',
+    ),
+    Row(
         'a port that a node cannot do without is missed at load',
         '<Repeat><AlwaysSuccess/></Repeat>',
         [TICK],

@@ -6,7 +6,7 @@ from __future__ import annotations
 import gc
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -15,12 +15,17 @@ from flexbt_core.behavior_tree import (
     Blackboard,
     Condition,
     Control,
+    CoroutineAction,
     Decorator,
     NodeConfig,
     NodeExecutionError,
+    NodeKind,
     NodeStatus,
+    SimpleAction,
     StatefulAction,
     SyncAction,
+    ThreadedAction,
+    TickAbandoned,
     Tree,
     TreeLibrary,
     TreeLoadError,
@@ -29,9 +34,11 @@ from flexbt_core.behavior_tree import (
     builtin_registry,
     input_port,
     load_xml,
+    output_port,
+    simple_action,
 )
 from flexbt_core.behavior_tree.model import STRING
-from flexbt_core.clock import ManualClock
+from flexbt_core.clock import ManualClock, WakeEvent
 from flexbt_testing.waiting import DEADLINE
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
@@ -620,3 +627,159 @@ def test_halting_and_ticking_from_different_threads_in_turn_is_fine() -> None:
         thread.join()
     assert problems == []
     assert running.status is IDLE
+
+
+# -- within a tick -----------------------------------------------------------------------------------------
+
+
+class Waits(Condition):
+    """Waits within its tick for what the host provides."""
+
+    def tick(self) -> NodeStatus:
+        event: WakeEvent = self.services['answered']
+        self.services['waits'].set()
+        self.wait_in_tick(event, self.clock, self.clock.now() + 5.0)
+        return SUCCESS if self.clock.now() < 5.0 else self.fail('no answer')
+
+
+@pytest.fixture
+def waiting() -> Iterator[tuple[Tree, list[object], threading.Thread]]:
+    """A tree whose tick waits in a thread, and what that ends with."""
+    registry = builtin_registry()
+    registry.register_classes((Waits,))
+    body = '<Sequence><Waits/><AlwaysSuccess/></Sequence>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    services = {'answered': WakeEvent(), 'waits': threading.Event()}
+    running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', clock=ManualClock(), services=services)
+    ended: list[object] = []
+
+    def run() -> None:
+        try:
+            ended.append(running.tick_once())
+        except NodeExecutionError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    assert services['waits'].wait(DEADLINE)
+    yield running, ended, thread
+    running.callbacks.release()
+    thread.join()
+
+
+Waiting = tuple[Tree, list[object], threading.Thread]
+
+
+def test_a_tick_that_waits_goes_on_with_the_answer(waiting: Waiting) -> None:
+    running, ended, thread = waiting
+    running.context.services['answered'].set()
+    thread.join(DEADLINE)
+    assert ended == [SUCCESS]
+
+
+def test_a_tick_does_not_wait_any_longer_than_it_is_to(waiting: Waiting) -> None:
+    running, ended, thread = waiting
+    clock = running.context.clock
+    assert isinstance(clock, ManualClock)
+    while not ended:  # the wait may begin after the time has gone by
+        clock.advance(5.0)
+        thread.join(0.01)
+    assert ended == [FAILURE]
+
+
+def test_a_tree_that_is_to_be_stopped_does_not_wait_for_an_answer(waiting: Waiting) -> None:
+    running, ended, thread = waiting
+    running.callbacks.release()
+    thread.join(DEADLINE)
+    assert isinstance(ended[0], TickAbandoned)
+    assert str(ended[0]).count('exception in node') == 1
+    running.halt()
+    assert all(node.status is IDLE for node in running.nodes)
+    running.context.services['answered'].set()
+    assert running.tick_once() is SUCCESS
+
+
+class Late(Work):
+    """What is declared as a condition, and takes time."""
+
+    kind = NodeKind.CONDITION
+
+
+@pytest.mark.parametrize('node_class', [Late, Check])
+def test_a_condition_is_never_running(node_class: type[Any]) -> None:
+    class Test(node_class):
+        def tick(self) -> NodeStatus:
+            return RUNNING
+
+    registry = builtin_registry()
+    registry.register_classes((Test,))
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Test name="x"/></BehaviorTree></root>'
+    running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', services={})
+    with pytest.raises(NodeExecutionError, match=r'exception in node \[x\] \(Test\): a condition must not return'):
+        running.tick_once()
+
+
+class Blames(SyncAction):
+    """Raises the error of a node by itself."""
+
+    def tick(self) -> NodeStatus:
+        raise self.fault('of its own')
+
+
+class BlamesIf(Check):
+    tick = Blames.tick
+
+
+class BlamesLater(CoroutineAction):
+    async def run(self) -> NodeStatus:
+        raise self.fault('of its own')
+
+
+class BlamesInThread(ThreadedAction):
+    def run(self) -> NodeStatus:
+        raise self.fault('of its own')
+
+
+@pytest.mark.parametrize(
+    'node_class', [Blames, BlamesIf, BlamesLater, BlamesInThread, simple_action(lambda node: IDLE)]
+)
+def test_the_error_of_a_node_names_it_once(node_class: type[Any]) -> None:
+    registry = builtin_registry()
+    registry.register('Test', node_class)
+    text = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Test name="x"/></BehaviorTree></root>'
+    woken = threading.Event()
+    running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', services={}, on_wake=woken.set)
+    with pytest.raises(NodeExecutionError) as caught:
+        while running.tick_once() is RUNNING:
+            assert woken.wait(DEADLINE)
+    reason = 'a tick must not return IDLE' if issubclass(node_class, SimpleAction) else 'of its own'
+    assert str(caught.value) == f'exception in node [x] (Test): {reason}'
+    assert caught.value.__cause__ is None
+
+
+def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> None:
+    class Plan(SyncAction):
+        ports = {'path': output_port(STRING)}
+        begins_without = ('path',)
+
+        def tick(self) -> NodeStatus:
+            self.set_output('path', 'a way')
+            return SUCCESS
+
+    registry = builtin_registry()
+    registry.register_classes((Plan,))
+    trees = (
+        '<BehaviorTree ID="Main"><Sequence><Plan path="{path}"/><SubTree ID="Sub" inner="{@outer}" /></Sequence>'
+        '</BehaviorTree><BehaviorTree ID="Sub"><Plan path="{inner}"/></BehaviorTree>'
+    )
+    known = TreeLibrary([load_xml(f'<root BTCPP_format="4">{trees}</root>', 'file', registry)])
+    board = Blackboard()
+    running = Tree(known, 'Main', blackboard=board)
+    running.empty_outputs()
+    assert board.get_or('path', 'never written') == 'never written'
+    assert running.tick_once() is SUCCESS
+    again = Tree(known, 'Main', blackboard=board)
+    again.empty_outputs({'path'})
+    assert (board.get('path'), board.get('outer')) == ('a way', '')
+    Tree(known, 'Main', blackboard=board).empty_outputs()
+    assert board.get('path') == ''
