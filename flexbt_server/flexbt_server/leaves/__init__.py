@@ -11,7 +11,7 @@ from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
 from .reach_goal import ReachGoal
 from .robot_frames import RobotFrames
-from .service_leaf import SERVICE_PORTS, ServiceLeaf
+from .service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode, ServiceSyncAction
 from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
 from .topic_leaf import TopicCondition
 from .trigger_services import TriggerServices
@@ -32,7 +32,10 @@ __all__ = [
     'PoseLeaf',
     'ReachGoal',
     'RobotFrames',
+    'ServiceCondition',
     'ServiceLeaf',
+    'ServiceNode',
+    'ServiceSyncAction',
     'SubscribedTopic',
     'TopicCache',
     'TopicCaches',

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from flexbt_core.behavior_tree import NodeDefinition
 
 from .action_leaf import ActionLeaf
-from .service_leaf import ServiceLeaf
+from .service_leaf import ServiceNode
 from .topic_cache import SubscribedTopic, SubscribesToTopics
 
 
@@ -24,7 +24,7 @@ def called_servers(nodes: Iterable[NodeDefinition]) -> dict[str, str]:
         if issubclass(leaf, ActionLeaf):
             name = _name(node, 'server_name', leaf.default_server)
             found[f'{name}/_action/send_goal'] = name
-        elif issubclass(leaf, ServiceLeaf):
+        elif issubclass(leaf, ServiceNode):
             name = _name(node, 'service_name', leaf.default_service)
             found[name] = name
     return {service: name for service, name in found.items() if name}

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves whose work is a request to a service. They never block; the answer has a deadline."""
+"""Leaves whose work is a request to a service. The answer has a deadline.
+
+A leaf has its result within the tick in which it asks, wherever the service answers at once, as in Nav2: below a
+reactive control, a leaf that is RUNNING halts what is behind it, which would begin anew in each tick and never end.
+While a tick waits for an answer no other node of the tree is ticked; a cancel of the tree ends the wait.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +13,19 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from flexbt_common.calls import ServiceCall
-from flexbt_core.behavior_tree import NodeConfig, NodeStatus, Port, StatefulAction, input_port
+from flexbt_core.behavior_tree import (
+    Condition,
+    NodeConfig,
+    NodeStatus,
+    Port,
+    StatefulAction,
+    SyncAction,
+    TickAbandoned,
+    input_port,
+)
+from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import STRING, UNSIGNED, PortError
+from flexbt_core.clock import WakeEvent
 from flexbt_core.skills import Skill
 
 from .leaf_services import LeafServices
@@ -22,24 +38,29 @@ SERVICE_PORTS: Final[dict[str, Port]] = {
 }
 """Ports of every service leaf."""
 
+ANSWER_SECONDS: Final = 0.1
+"""How long a tick waits for the answer that a :class:`ServiceLeaf` asks for, s of wall time. In Nav2 that is 5 ms, half
+of the period of its loop; services in Python take longer on a busy machine.
+"""
 
-class ServiceLeaf(StatefulAction):
-    """Base of leaves that ask a service, of type ``service_type``.
+
+class ServiceNode(LeafNode):
+    """What the leaves have in common that ask a service, of type ``service_type``.
 
     ``ports`` of a subclass has to contain :data:`SERVICE_PORTS`.
     """
 
-    __slots__ = ('_call',)
+    __slots__ = ('_answered', '_call', '_is_in_tick')
 
     service_type: ClassVar[type[Any]]
     default_service: ClassVar[str] = ''
     ports: ClassVar[Mapping[str, Port]] = SERVICE_PORTS
-    goes_on = 'its request was sent, and cannot be taken back'
-    skill = Skill.of(ignores_cancel=True)
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._call: ServiceCall | None = None
+        self._answered = WakeEvent()
+        self._is_in_tick = False
 
     @abstractmethod
     def make_request(self) -> Any:
@@ -60,28 +81,57 @@ class ServiceLeaf(StatefulAction):
         """Name of the service, as the node resolves it."""
         return str(self.get_input_or('service_name', '') or self.default_service)
 
-    def on_start(self) -> NodeStatus:
+    @property
+    def timeout(self) -> float:
+        """How long the service may take to appear, and then to answer, s of wall time."""
+        milliseconds = self.get_input_or('server_timeout', None)
+        return self.host.server_timeout if milliseconds is None else float(milliseconds) / 1000.0
+
+    def ask(self, request: Any) -> NodeStatus:
+        """Send a request; RUNNING. In :meth:`on_response` another one, after the first."""
+        self._call = ServiceCall(
+            self.host.services.link(self.service_type, self.service_name),
+            request,
+            on_done=lambda outcome: self._on_done(),
+            server_timeout=self.host.appear_timeout(self.timeout),
+            response_timeout=self.timeout,
+        )
+        return NodeStatus.RUNNING
+
+    def _on_done(self) -> None:
+        self._answered.set()
+        if not self._is_in_tick:
+            self.wake()
+
+    def ask_within_tick(self, seconds: float) -> NodeStatus:
+        """Make the request, and wait for the result within the tick; RUNNING when it is not there in time."""
+        clock = self.host.runtime.steady
+        until = clock.now() + seconds
         try:
             request = self.make_request()
         except (PortError, ValueError) as error:
             return self.fail(str(error))
-        return self.ask(request)
+        self._is_in_tick = True
+        try:
+            status = self.ask(request)
+            awaited = None
+            while status is NodeStatus.RUNNING and self._call is not awaited:
+                awaited = self._call
+                assert awaited is not None  # made by ask
+                while not awaited.done and clock.now() < until:
+                    self.wait_in_tick(self._answered, clock, until)
+                self._is_in_tick = awaited.done  # else the answer wakes the tree, unless it is there by now
+                status = self.result()
+        except TickAbandoned:
+            self.give_up()
+            raise
+        finally:
+            self._is_in_tick = False
+        return status
 
-    def ask(self, request: Any) -> NodeStatus:
-        """Send a request; RUNNING. In :meth:`on_response` another one, after the first."""
-        milliseconds = self.get_input_or('server_timeout', None)
-        timeout = self.host.server_timeout if milliseconds is None else milliseconds / 1000.0
-        self._call = ServiceCall(
-            self.host.services.link(self.service_type, self.service_name),
-            request,
-            on_done=lambda outcome: self.wake(),
-            server_timeout=self.host.appear_timeout(timeout),
-            response_timeout=timeout,
-        )
-        return NodeStatus.RUNNING
-
-    def on_running(self) -> NodeStatus:
-        assert self._call is not None  # made by on_start
+    def result(self) -> NodeStatus:
+        """What the leaf gives for the answer; RUNNING while there is none."""
+        assert self._call is not None  # made by ask
         outcome = self._call.outcome
         if outcome is None:
             return NodeStatus.RUNNING
@@ -89,7 +139,54 @@ class ServiceLeaf(StatefulAction):
             return self.fail(outcome.reason)
         return self.on_response(outcome.response)
 
-    def on_halted(self) -> None:
+    def give_up(self) -> None:
+        """Forget the request."""
         if self._call is not None:
             self._call.cancel()
             self._call = None
+
+
+class ServiceLeaf(ServiceNode, StatefulAction):
+    """Base of actions that ask a service: RUNNING where it takes longer than a moment to answer.
+
+    What Nav2 derives from BtServiceNode.
+    """
+
+    __slots__ = ()
+
+    goes_on = 'its request was sent, and cannot be taken back'
+    skill = Skill.of(ignores_cancel=True)
+
+    def on_start(self) -> NodeStatus:
+        return self.ask_within_tick(ANSWER_SECONDS)
+
+    def on_running(self) -> NodeStatus:
+        return self.result()
+
+    def on_halted(self) -> None:
+        self.give_up()
+
+
+class _WithinTick(ServiceNode):
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
+        """Ask, and wait for the answer."""
+        timeout = self.timeout
+        status = self.ask_within_tick(timeout)
+        if status is not NodeStatus.RUNNING:
+            return status
+        self.give_up()
+        return self.fail(f'service {self.service_name!r} did not answer within {timeout:g} s; is its node running?')
+
+
+class ServiceCondition(_WithinTick, Condition):
+    """Base of conditions that ask a service. The tick waits for the answer; without one in time it is FAILURE."""
+
+    __slots__ = ()
+
+
+class ServiceSyncAction(_WithinTick, SyncAction):
+    """Base of actions that ask a service, and are done within the tick, which waits for the answer."""
+
+    __slots__ = ()

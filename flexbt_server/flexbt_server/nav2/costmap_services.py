@@ -15,7 +15,6 @@ from flexbt_common.errors import TransformError
 from flexbt_core.behavior_tree import (
     Example,
     NodeConfig,
-    NodeKind,
     NodeStatus,
     Port,
     PortError,
@@ -24,7 +23,7 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import BOOL, DOUBLE, STRING, UNSIGNED, list_of
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
-from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceLeaf
+from flexbt_server.leaves import PATH, POSE_STAMPED, POSES, SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode
 from flexbt_server.trees import WAYPOINT_STATUSES
 
 from .interface_fields import set_ports
@@ -116,17 +115,11 @@ class ClearCostmapAroundPose(_ClearCostmap):
     )
 
 
-class IsPathValid(ServiceLeaf):
-    """Succeeds when no pose of ``path`` is in collision; in main that is ValidatePath.
-
-    ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy have no such
-    fields, and whoever gives one of these ports is told that it has no effect.
-    """
+class _PathChecker(ServiceNode):
+    """A leaf that asks whether a path is free."""
 
     __slots__ = ()
 
-    nav2_branch = 'jazzy'
-    kind = NodeKind.CONDITION  # in Nav2 it blocks until the answer is there; here it is RUNNING
     service_type = srv.IsPathValid
     default_service = names.IS_PATH_VALID
     skill = Skill.measuring(VALID)
@@ -136,7 +129,6 @@ class IsPathValid(ServiceLeaf):
         'max_cost': input_port(UNSIGNED, default='253', description='cost from which a cell is in collision'),
         'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
     }
-    example = Example('<IsPathValid path="{path}"/>')
 
     def make_request(self) -> Any:
         request = self.service_type.Request(path=self.get_input_or('path', Path()))
@@ -147,21 +139,34 @@ class IsPathValid(ServiceLeaf):
         return NodeStatus.SUCCESS if response.is_valid else self.fail('the path is not valid')
 
 
-class ValidatePath(IsPathValid):
+class IsPathValid(_PathChecker, ServiceCondition):
+    """Succeeds when no pose of ``path`` is in collision; in main that is ValidatePath.
+
+    ``max_cost`` and ``consider_unknown_as_obstacle`` are of kilted: services with the interfaces of Jazzy have no such
+    fields, and whoever gives one of these ports is told that it has no effect.
+    """
+
+    __slots__ = ()
+
+    nav2_branch = 'jazzy'
+    example = Example('<IsPathValid path="{path}"/>')
+
+
+class ValidatePath(_PathChecker, ServiceLeaf):
     """Succeeds when no pose of ``path`` is in collision."""
 
     __slots__ = ('_path',)
 
     nav2_branch = 'main'
-    kind = NodeKind.ACTION
+    skill = _PathChecker.skill
     fields = (
-        *IsPathValid.fields,
+        *_PathChecker.fields,
         'layer_name',
         'footprint',
         'stop_at_first_collision',
         'max_lookahead_distance',
     )
-    ports = IsPathValid.ports | {
+    ports = _PathChecker.ports | {
         'max_cost': input_port(UNSIGNED, default='254', description='cost from which a cell is in collision'),
         'layer_name': input_port(STRING, default='', description='layer of the costmap to look at; all if empty'),
         'footprint': input_port(STRING, default='', description="footprint to check, if not the robot's"),

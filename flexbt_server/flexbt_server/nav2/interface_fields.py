@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 from flexbt_common.values import message_type_name
-from flexbt_server.leaves import ActionLeaf, ServiceLeaf
+from flexbt_server.leaves import ActionLeaf, ServiceNode
 
 
-def set_ports(leaf: ActionLeaf | ServiceLeaf, message: Any, *names: str) -> None:
+def set_ports(leaf: ActionLeaf | ServiceNode, message: Any, *names: str) -> None:
     """Give fields the values of the ports of the same names, which the interfaces of some branch have.
 
     One that the installed interfaces lack is left out. People are told so, once, where a tree gives the port another
@@ -22,7 +22,7 @@ def set_ports(leaf: ActionLeaf | ServiceLeaf, message: Any, *names: str) -> None
                 setattr(message, name, value)
 
 
-def has_field(leaf: ActionLeaf | ServiceLeaf, message: Any, port: str) -> bool:
+def has_field(leaf: ActionLeaf | ServiceNode, message: Any, port: str) -> bool:
     """Whether the message has the field of this port; tells people when a tree gives a port for nothing."""
     if hasattr(message, port):
         return True

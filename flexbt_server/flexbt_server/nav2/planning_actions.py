@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Leaves that compute paths and routes by Nav2's servers. Names, ports and defaults are those of Nav2.
 
-One difference is deliberate: they leave the blackboard alone when they are halted and when the tree ends. (Nav2 empties
-``{path}`` in the sweep of halts that ends every run; here a controller's tree may take the path from the blackboard
-after the planner's.)
+A path is for one goal: a planner that is halted while it plans empties ``{path}``, as in Nav2, and a tree that plans
+begins without one. (Nav2 empties it by the halts that end every run; here a controller's tree may take the path from
+the blackboard after the planner's.)
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import PoseStamped
@@ -28,14 +28,27 @@ from .interface_fields import set_ports
 _START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
 
 
-class ComputePathToPose(ActionLeaf):
+class _Planner(ActionLeaf):
+    """A leaf that plans. When it is halted there is no plan."""
+
+    __slots__ = ()
+
+    cancels_on_pause = False  # nothing moves by it
+    begins_without: ClassVar[tuple[str, ...]] = ('path',)
+
+    def on_halted(self) -> None:
+        super().on_halted()
+        for port in self.begins_without:
+            self.empty_output(port)
+
+
+class ComputePathToPose(_Planner):
     """Plans a path to ``goal``, from the robot's pose or from ``start``."""
 
     __slots__ = ()
 
     action_type = action.ComputePathToPose
     default_server = names.COMPUTE_PATH_TO_POSE
-    cancels_on_pause = False  # nothing moves by it
     ports = ACTION_PORTS | {
         'goal': input_port(POSE_STAMPED, description='where the path ends'),
         'start': _START,
@@ -67,14 +80,13 @@ class ComputePathToPose(ActionLeaf):
         self.set_output('path', Path())
 
 
-class ComputePathThroughPoses(ActionLeaf):
+class ComputePathThroughPoses(_Planner):
     """Plans a path through ``goals``, in their order."""
 
     __slots__ = ()
 
     action_type = action.ComputePathThroughPoses
     default_server = names.COMPUTE_PATH_THROUGH_POSES
-    cancels_on_pause = False  # nothing moves by it
     ports = ACTION_PORTS | {
         'goals': input_port(POSES, description='poses to pass; the last is where the path ends'),
         'start': _START,
@@ -175,13 +187,14 @@ class _RouteLeaf(ActionLeaf):
         return goal
 
 
-class ComputeRoute(_RouteLeaf):
+class ComputeRoute(_RouteLeaf, _Planner):
     """Computes a route in the graph of the route server, and a path along it."""
 
     __slots__ = ()
 
     action_type = action.ComputeRoute
     default_server = names.COMPUTE_ROUTE
+    begins_without = ('path', 'route')
     ports = (
         ACTION_PORTS
         | _ROUTE_GOAL_PORTS

@@ -12,12 +12,12 @@ from std_srvs.srv import Empty
 from flexbt_common import names
 from flexbt_core.behavior_tree import Example, NodeStatus, input_port
 from flexbt_core.behavior_tree.model import BOOL
-from flexbt_server.leaves import SERVER_PORTS, SERVICE_PORTS, ServiceLeaf
+from flexbt_server.leaves import SERVER_PORTS, SERVICE_PORTS, ServiceLeaf, ServiceSyncAction
 
 from .interface_fields import set_ports
 
 
-class CancelAction(ServiceLeaf):
+class CancelAction(ServiceSyncAction):
     """Cancels all goals of an action server, whoever sent them."""
 
     __slots__ = ()

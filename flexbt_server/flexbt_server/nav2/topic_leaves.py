@@ -17,7 +17,6 @@ from flexbt_core.behavior_tree import (
     Condition,
     Example,
     NodeConfig,
-    NodeKind,
     NodeStatus,
     Port,
     StatefulAction,
@@ -136,11 +135,10 @@ class CheckStopStatus(StatefulAction):
 
 
 class IsStopped(CheckStopStatus):
-    """CheckStopStatus, as the branch kilted of Nav2 calls it."""
+    """CheckStopStatus, as the branch kilted of Nav2 calls it. There it is a condition, although it may be RUNNING."""
 
     __slots__ = ()
 
-    kind = NodeKind.CONDITION
     example = Example('<IsStopped duration_stopped="500"/>')
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Final, Generic, TypeVar
 
@@ -112,6 +113,7 @@ class TreeRun(Generic[Client]):
         self._on_warning = on_warning
         self._silent_until = -math.inf
         self._overruns = Overruns(key, self._tick_period, on_warning)
+        self._waited = 0.0
         self._monitoring = monitoring
         self._on_violation = on_violation
         self._findings = Findings(self._tell_finding)
@@ -266,6 +268,8 @@ class TreeRun(Generic[Client]):
             for problem in self._monitoring.problems_of(self.key.id, monitor.vocabulary):
                 self._on_violation(problem)
             monitor.check_parts()
+        tree.context.resting = self._waiting_in_tick
+        tree.empty_outputs({key.removeprefix('@') for key, *_ in self._values})
         self._observer.started(tree)
         due = -math.inf
         while True:
@@ -274,7 +278,7 @@ class TreeRun(Generic[Client]):
                 return RunOutcome(BtExecute.Result.CANCELED, self._stop_reason)
             tree.take_wake()
             due = self._next_due(due)
-            began = self._steady.now()
+            began, self._waited = self._steady.now(), 0.0
             try:
                 status = self._control.tick(tree)
             except TickAbandoned:
@@ -284,7 +288,7 @@ class TreeRun(Generic[Client]):
             if monitor is not None and status is not None:
                 monitor.ticked(status)
             if not tree.callbacks.active:  # breakpoints are not to be blamed on leaves
-                self._overruns.note(began, self._steady.now())
+                self._overruns.note(began + self._waited, self._steady.now())
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
             if not self._control.pending:
@@ -342,6 +346,14 @@ class TreeRun(Generic[Client]):
             self._on_refused(client, refusal)
         else:
             self._on_adopted(client)
+
+    @contextmanager
+    def _waiting_in_tick(self) -> Iterator[None]:
+        """A leaf waits for somebody else: the thread of the run does not hang, and the leaf does not block."""
+        began = self._steady.now()
+        with self._loop.resting():
+            yield
+        self._waited += self._steady.now() - began
 
     def _wait(self, tree: Tree, due: float) -> None:
         next_wake = tree.next_wake

@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pytest
 
-from flexbt_core.behavior_tree import Port
+from flexbt_core.behavior_tree import Condition, Port, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.model import NO_DEFAULT, Source
 from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import elements_of, parse
+from flexbt_server.leaves import ActionLeaf, ServiceLeaf, ServiceSyncAction
 from flexbt_server.node_types import node_registry
 
 # Facts of ros-navigation/navigation2 (nav2_tree_nodes.xml and the ports that the classes declare), jazzy at 1.3.13 and
@@ -181,6 +182,7 @@ class Fact(NamedTuple):
 class Node(NamedTuple):
     branches: tuple[str, ...]
     kind: str
+    base: str
     ports: Mapping[str, Fact]
 
 
@@ -190,9 +192,9 @@ def facts() -> Iterator[tuple[str, Node]]:
         head, _, told = line.partition(':')
         where, kind, id = head.split()
         branches = NAV2_BRANCHES if where == 'both' else (where,)
-        for base, its in BASES.items():
-            told = told.replace(base, its)
-        yield id, Node(branches, kind, dict(port_facts(told, branches)))
+        base = next((name for name in BASES if name in told), '')
+        told = told.replace(base, BASES.get(base, ''))
+        yield id, Node(branches, kind, base, dict(port_facts(told, branches)))
 
 
 def port_facts(told: str, branches: tuple[str, ...]) -> Iterator[tuple[str, Fact]]:
@@ -216,6 +218,24 @@ REGISTRIES: Final = {branch: node_registry(fail, branch) for branch in NAV2_BRAN
 
 def test_the_branches_have_so_many_node_types() -> None:
     assert [sum(branch in node.branches for node in FACTS.values()) for branch in NAV2_BRANCHES] == [65, 81]
+
+
+def leaf_base(id: str, node: Node) -> type[Any]:
+    """The base of a leaf that may be RUNNING where Nav2's may: BtActionNode, BtServiceNode after a moment, and what
+    looks anew in each tick. BtCancelActionNode waits within its tick, and so does IsPathValid."""
+    if node.kind == 'Condition':
+        return Condition
+    bases = {'+action': ActionLeaf, '+wait': ActionLeaf, '+service': ServiceLeaf, '+cancel': ServiceSyncAction}
+    return StatefulAction if id == 'CheckStopStatus' else bases.get(node.base, SyncAction)
+
+
+@pytest.mark.parametrize('branch', NAV2_BRANCHES)
+def test_a_leaf_may_be_running_where_that_of_nav2_may(branch: Nav2Branch) -> None:
+    for id, node in FACTS.items():
+        if branch in node.branches and node.kind in ('Action', 'Condition'):
+            manifest = REGISTRIES[branch].get(id)
+            assert manifest is not None
+            assert issubclass(manifest.node_class, leaf_base(id, node)), id
 
 
 def test_what_only_one_branch_has_says_so() -> None:

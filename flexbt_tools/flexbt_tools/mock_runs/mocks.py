@@ -198,12 +198,17 @@ class Mocking:
     def _mock(self, node: NodeDefinition, rule: Rule, steps: tuple[Step, ...]) -> NodeDefinition:
         manifest = node.manifest
         ports = manifest.ports if node.tree_id is None else dict.fromkeys(node.values, UNKNOWN_PORT)
+        kind = NodeKind.CONDITION if manifest.kind is NodeKind.CONDITION else NodeKind.ACTION
+        synchronous = kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
         for step in steps:
             for name, value in step.outputs.items():
                 problem = _output_problem(name, value, ports)
                 if problem:
                     self._refuse(rule, node, problem)
-        kind = NodeKind.CONDITION if manifest.kind is NodeKind.CONDITION else NodeKind.ACTION
+            if synchronous and (step.after > 0.0 or step.gives is RUNNING):
+                self._refuse(
+                    rule, node, 'it answers within one tick: give it a mock that is never RUNNING, and takes no time'
+                )
         needed = (
             name
             for name, port in ports.items()
@@ -215,7 +220,7 @@ class Mocking:
             'kind': kind,
             'ports': ports,
             'steps': steps,
-            'synchronous': kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction),
+            'synchronous': synchronous,
         }
         mock = replace(
             manifest,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from flexbt_core.behavior_tree import NodeDefinition, SyncAction, TreeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree import NodeDefinition, NodeKind, SyncAction, TreeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.engine import ControlNode
 from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, OneOf, Outcomes, Results
 from flexbt_tools.trees import sub_trees_first
@@ -82,7 +82,8 @@ def _rule(node: NodeDefinition) -> Outcomes:
     declared = node.manifest.outcomes
     if declared is not None and not incompleteness(node):
         return declared
-    return _ANYTHING_AT_ONCE if issubclass(node.manifest.node_class, SyncAction) else _ANYTHING
+    is_at_once = node.manifest.kind is NodeKind.CONDITION or issubclass(node.manifest.node_class, SyncAction)
+    return _ANYTHING_AT_ONCE if is_at_once else _ANYTHING
 
 
 def incompleteness(node: NodeDefinition) -> str:

@@ -262,6 +262,13 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
         ],
     ),
     (
+        'mocks: {Drive: SUCCESS, Near: ^{gives: SUCCESS, after: 1}, Look: ^RUNNING}',
+        [
+            "the mock 'Near' of <Near>: it answers within one tick: give it a mock that is never RUNNING",
+            "the mock 'Look' of <Look>: it answers within one tick: give it a mock that is never RUNNING",
+        ],
+    ),
+    (
         'mocks: {Drive: SUCCESS, Dirve: ^SUCCESS}',
         ["the mock 'Dirve' means no node of this tree; did you mean 'Drive'?"],
     ),
@@ -276,7 +283,8 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
 def test_wrong_plans_are_refused_with_their_places(tmp_path: Path, mocks: str, expected: list[str]) -> None:
     text, places = without_marks(mocks)
     with pytest.raises(ToolError) as caught:
-        mock_run('Main: <Drive to="x"/>', mocks=text, directory=tmp_path)
+        others = '<Near/><Look/>' if 'Near' in mocks else ''
+        mock_run(f'Main: <Sequence><Drive to="x"/>{others}</Sequence>', mocks=text, directory=tmp_path)
     lines = str(caught.value).splitlines()
     assert len(lines) == len(expected), lines
     for line, place, words in zip(lines, places, expected, strict=True):
@@ -427,7 +435,7 @@ def test_a_run_is_the_same_each_time_and_its_trace_has_no_gaps(
 ) -> None:
     text = make_case(seed)['xml']
     words = ['--mock', f'*={others}', '--json', '--timeout', '20', '--set', 'a=1', '--set', 's=x']
-    for type, result in (('Act', some), ('Deco', 'pass')):
+    for type, result in (('Act', some), ('Cond', 'FAILURE,SUCCESS'), ('Deco', 'pass')):
         words += ['--mock', f'{type}={result}'] if f'<{type} ' in text or f'ID="{type}"' in text else []
     done = run(tmp_path_factory.getbasetemp(), text, *words)
     assert done.code in (0, 1, 4, 5), done
