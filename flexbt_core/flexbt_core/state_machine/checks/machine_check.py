@@ -17,7 +17,6 @@ from flexbt_core.state_machine.model import (
     Machine,
     StateKind,
     child_path,
-    copied,
 )
 from flexbt_core.values import hint
 
@@ -38,7 +37,6 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]
         yield f'{path}: the machine has no states'
     if not machine.outcomes:
         yield f'{path}: the machine has no outcomes'
-    yield from _defaults(path, machine)
     labels: set[str] = set()
     for child in machine.children:
         own = child_path(path, child.label)
@@ -76,15 +74,6 @@ def _keys(path: str, owner: EventState | Machine) -> Iterator[str]:
     for key in dict.fromkeys((*owner.input_keys, *owner.output_keys)):
         if not key or key.startswith('_'):
             yield f"{path}: '{key}' cannot be a userdata key: it is empty or begins with an underscore"
-
-
-def _defaults(path: str, machine: Machine) -> Iterator[str]:
-    """Each time that a machine is entered it begins with copies of its defaults."""
-    for key, value in machine.userdata.values().items():
-        try:
-            copied(value)
-        except Exception as error:  # code of the value
-            yield f"{path}: the default of userdata key '{key}', a {type(value).__name__}, cannot be copied: {error}"
 
 
 def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:

@@ -132,7 +132,7 @@ class LeafRun:
         if self._userdata is not None and self._userdata._scope is scope:
             self._userdata._copies.clear()
         else:
-            self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self.path)
+            self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self)
 
     def restore(self, scope: Scope, outcome: str) -> None:
         """Wait to be left by an outcome, as it did in the run that was interrupted. It is not entered for that."""

@@ -24,7 +24,7 @@ from .progress import Progress
 from .state_clock import StateClock
 from .state_host import Severity, StateHost
 from .state_skill import state_skill
-from .userdata import DefaultUserData, Scope, UserData, copied
+from .userdata import DefaultUserData, Scope, UserData
 
 __all__ = [
     'AUTONOMY_NAMES',
@@ -61,7 +61,6 @@ __all__ = [
     'are_apart',
     'called_state',
     'child_path',
-    'copied',
     'is_autonomous',
     'is_inside',
     'set_called_state',

@@ -4,7 +4,7 @@
 Each machine has a scope of its own. A state sees, through a :class:`UserData` view, only the keys that it declares;
 remapping says under which names its machine has them. What a state reads and does not also write is a copy, so that a
 value can only be changed by whoever declares to. (FlexBE hashes the text of such values in every tick instead, which
-is slow and misses changes.)
+is slow and misses changes.) What cannot be copied, such as a driver or a lock, is handed on itself, with a warning.
 """
 
 from __future__ import annotations
@@ -12,18 +12,31 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from flexbt_core.values import shown
+from flexbt_core.values import excerpt, shown
 
 from .errors import UserDataError
+from .state_host import Severity
 
 _IMMUTABLE: Final = (bool, int, float, complex, str, bytes, type(None))
 
 
-def copied(value: Any) -> Any:
-    """A value that does not change with the given one. Raises whatever the value raises when it is copied."""
-    return value if isinstance(value, _IMMUTABLE) else copy.deepcopy(value)
+class DataOwner(Protocol):
+    """The state whose view of userdata that is."""
+
+    path: str
+
+    def log(self, severity: Severity, text: str) -> None:
+        """Tell the operator something."""
+
+
+def _copied(value: Any) -> tuple[Any, Exception | None]:
+    """A value that does not change with the given one; this itself, and why, where it cannot be copied."""
+    try:
+        return (value if isinstance(value, _IMMUTABLE) else copy.deepcopy(value)), None
+    except Exception as error:  # code of the value
+        return value, error
 
 
 class Scope:
@@ -33,7 +46,7 @@ class Scope:
     input that was not written here is read there, and an output is written there as well.
     """
 
-    __slots__ = ('_data', '_inputs', '_outputs', '_parent')
+    __slots__ = ('_data', '_inputs', '_outputs', '_parent', 'shared_types')
 
     def __init__(
         self,
@@ -46,10 +59,11 @@ class Scope:
         self._parent = parent
         self._inputs = inputs
         self._outputs = outputs
+        self.shared_types: set[type[Any]] = set() if parent is None else parent.shared_types
         for key, value in defaults.items():
             # A default yields to what the parent has.
             if parent is None or key not in inputs or inputs[key] not in parent:
-                self.set(key, copied(value))
+                self.set(key, _copied(value)[0])
 
     def __contains__(self, key: object) -> bool:
         if key in self._data:
@@ -70,6 +84,12 @@ class Scope:
         if self._parent is not None and key in self._outputs:
             self._parent.set(self._outputs[key], value)
 
+    def note_shared(self, value: Any) -> bool:
+        """Note that a value is handed on itself; whether it is the first of its type in the run."""
+        is_first = type(value) not in self.shared_types
+        self.shared_types.add(type(value))
+        return is_first
+
     def values(self) -> dict[str, Any]:
         """Keys and values of this scope itself."""
         return dict(self._data)
@@ -77,6 +97,13 @@ class Scope:
     def restore(self, values: Mapping[str, Any]) -> None:
         """Take over values that a scope of this machine had, without writing them anywhere else."""
         self._data.update(values)
+
+
+def _reason(error: Exception) -> str:
+    try:
+        return excerpt(str(error)) or type(error).__name__
+    except Exception:  # code of the value
+        return type(error).__name__
 
 
 class UserData:
@@ -90,7 +117,7 @@ class UserData:
         input_keys: frozenset[str],
         output_keys: frozenset[str],
         remap: Mapping[str, str],
-        owner: str,
+        owner: DataOwner,
     ) -> None:
         set_slot = object.__setattr__
         set_slot(self, '_scope', scope)
@@ -102,32 +129,34 @@ class UserData:
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._inputs and key not in self._outputs:
-            raise UserDataError(f"{self._owner}: cannot read userdata key '{key}'; declare it in input_keys")
+            raise UserDataError(f"{self._owner.path}: cannot read userdata key '{key}'; declare it in input_keys")
         name = self._remap.get(key, key)
         is_shared = key in self._outputs
         shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
         try:
             value = self._scope.get(name)
         except KeyError:
-            raise UserDataError(f'{self._owner}: userdata key {shown} has no value; nobody has written it') from None
+            raise UserDataError(
+                f'{self._owner.path}: userdata key {shown} has no value; nobody has written it'
+            ) from None
         if is_shared or isinstance(value, _IMMUTABLE):
             return value
         original, copy_of_it = self._copies.get(name, (None, None))
         if original is value:  # otherwise a state that is active at the same time has written another one
             return copy_of_it
-        try:
-            own = copied(value)
-        except Exception as error:  # code of the value
-            raise UserDataError(
-                f'{self._owner}: the {type(value).__name__} in userdata key {shown} cannot be copied ({error}); '
-                'to share it, declare the key in io_keys'
-            ) from error
+        own, reason = _copied(value)
+        if reason is not None and self._scope.note_shared(value):
+            self._owner.log(
+                Severity.WARN,
+                f"the {type(value).__name__} in userdata key '{name}' cannot be copied ({_reason(reason)}): states get "
+                'the object itself, and see what others change in it',
+            )
         self._copies[name] = value, own
         return own
 
     def __setitem__(self, key: str, value: Any) -> None:
         if key not in self._outputs:
-            raise UserDataError(f"{self._owner}: cannot write userdata key '{key}'; declare it in output_keys")
+            raise UserDataError(f"{self._owner.path}: cannot write userdata key '{key}'; declare it in output_keys")
         name = self._remap.get(key, key)
         self._copies.pop(name, None)  # also what was read by another key of the same name in the machine
         self._scope.set(name, value)

@@ -17,7 +17,7 @@ from flexbt_core.state_machine import (
     StateMachineError,
     define,
 )
-from flexbt_testing.state_machines import Bench, Scripted, machine, nested, passing
+from flexbt_testing.state_machines import Bench, Scripted, machine
 from flexbt_testing.waiting import DEADLINE
 
 END = {'done': 'ended'}
@@ -178,13 +178,6 @@ def test_a_machine_in_itself_is_refused_once() -> None:
     with made:
         OperatableStateMachine.add('B', made, {'ended': 'ended'})
     assert problems(made) == ('/B: the same state object is also /; make one for each place',)
-
-
-def test_a_default_that_cannot_be_copied_is_refused() -> None:
-    made = nested(passing(), 'A')
-    made.userdata['lock'] = threading.Lock()
-    (problem,) = problems(made)
-    assert problem.startswith("/: the default of userdata key 'lock', a lock, cannot be copied: ")
 
 
 @pytest.mark.parametrize('state', [Scripted, None, 'Scripted', object()])

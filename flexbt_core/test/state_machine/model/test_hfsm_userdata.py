@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import itertools
+import sys
 import threading
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine import Child, OperatableStateMachine, UserData
+from flexbt_core.state_machine import Child, OperatableStateMachine, Severity, UserData
 from flexbt_testing.state_machines import Bench, Do, Scripted, machine, passing
 
 
@@ -32,6 +34,8 @@ def reader(key: str, into: list[Any], **options: Any) -> Scripted:
 def writer(**values: Any) -> Scripted:
     return Scripted('done', 'failed', outcome='done', do={'execute': write(**values)}, output_keys=list(values))
 
+
+ENDS = {'done': 'ended', 'failed': 'ended'}
 
 NAMES = ('goal', 'target', 'goal', 'place')
 """A key on each level, from the state outwards. The name of the inmost one comes again further out, for another key."""
@@ -134,15 +138,51 @@ def test_one_key_of_the_machine_as_input_and_output_of_a_state_can_be_read_after
     assert seen == [([1], [1, 2], [1, 2])]
 
 
-def test_a_value_that_cannot_be_copied_is_shared_only_with_who_declares_to() -> None:
+class Driver:
+    """An object of users, which only one may have."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.moves: list[str] = []
+
+
+def numbers() -> Iterator[int]:
+    yield from range(3)
+
+
+@pytest.mark.parametrize('make', [Driver, threading.Lock, numbers, lambda: sys, lambda: {'inner': [Driver()]}])
+def test_differs_a_value_that_cannot_be_copied_is_handed_on_itself_with_one_warning(make: Callable[[], Any]) -> None:
+    value, seen = make(), list[Any]()
+    inner = machine(Child('In', reader('thing', seen), ENDS), input_keys=['thing'])
+    bench = Bench(
+        machine(
+            Child('One', inner, {'ended': 'Two'}, {}, {'thing': 'shared'}),
+            Child('Two', reader('thing', seen), ENDS, {}, {'thing': 'shared'}),
+            input_keys=['shared'],
+        ),
+        userdata={'shared': value},
+    )
+    assert (bench.outcome, bench.faults) == ('ended', [])
+    assert [one is value for one in seen] == [True, True]
+    ((severity, path, text),) = bench.lines
+    assert (severity, path) == (Severity.WARN, '/One/In')
+    assert text.startswith(f"the {type(value).__name__} in userdata key 'thing' cannot be copied (")
+
+
+def test_a_default_that_cannot_be_copied_is_that_of_each_visit() -> None:
+    driver, seen = Driver(), list[Any]()
+    made = machine(Child('One', reader('driver', seen), ENDS))
+    made.userdata['driver'] = driver
+    assert Bench(made).outcome == 'ended'
+    assert seen == [driver]
+
+
+def test_who_declares_a_value_that_cannot_be_copied_as_an_output_too_is_not_warned() -> None:
     lock = threading.Lock()
     seen: list[Any] = []
-    bench = Bench(nested_in_root(reader('lock', seen)), userdata={'lock': lock})
-    assert bench.outcome == 'failed'
-    assert "the lock in userdata key 'lock' cannot be copied" in bench.faults[0][1]
-    assert 'declare the key in io_keys' in bench.faults[0][1]
     sharing = Scripted('done', 'failed', outcome='done', do={'execute': read('lock', seen)}, io_keys=['lock'])
-    assert Bench(nested_in_root(sharing), userdata={'lock': lock}).outcome == 'done'
+    bench = Bench(nested_in_root(sharing), userdata={'lock': lock})
+    assert (bench.outcome, bench.lines) == ('done', [])
     assert seen == [lock]
 
 
