@@ -29,7 +29,7 @@ def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
     if action not in ('warn', 'stop'):
         raise UnfitParameterError('monitor_action', f'{action!r} is neither warn nor stop; {about}')
     about = 'YAML file of what is required of behaviors and trees beside that, see "behavior_tool prove"'
-    written = declare.text('requirements', '', about)
+    written = declare.fixed.text('requirements', '', about)
     return Monitoring(is_on, action == 'stop', _requirements(written) if written and is_on else {})
 
 

@@ -7,7 +7,7 @@ from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
 from .node_executor import make_executor
 from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
-from .parameters import ParameterDeclarer, refuse_while_configured
+from .parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
     ACTION_CLIENT,
     ACTION_SERVER,
@@ -34,6 +34,7 @@ from .simulated_time import ListeningTime, watch_clock_publishers
 __all__ = [
     'ACTION_CLIENT',
     'ACTION_SERVER',
+    'ALLOWED_DIRECTORIES_TEXT',
     'CALL_SECONDS',
     'COMPLAINT_SECONDS',
     'HANG_SECONDS',

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -32,6 +33,11 @@ from .rclpy_private import given_parameters
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
 
+ALLOWED_DIRECTORIES_TEXT: Final = (
+    'directories, beside the package shares and those of the files that parameters name, from which services load files'
+)
+"""Description of the parameter ``allowed_directories`` of a node whose services get the names of files."""
+
 MOST_PARAMETERS: Final = 1_000
 """Parameters, or names or prefixes of such, in one request."""
 
@@ -54,13 +60,29 @@ class ParameterDeclarer:
     """Declares parameters on a node, unless that was done, and gives their values; each with a description and bounds.
 
     A parameter is read-only, unless said otherwise, except on a managed node, where :func:`refuse_while_configured`
-    decides.
+    decides about those that are not :attr:`fixed`.
 
     Every method raises UnfitParameterError where there is no value that the type and the bounds allow.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, *, is_fixed: bool = False) -> None:
         self._node = node
+        self._is_fixed = is_fixed
+
+    @property
+    def fixed(self) -> ParameterDeclarer:
+        """Declares parameters that are as the node was started with, on a managed node, too: what decides over files,
+        addresses and limits. The services that set parameters are open to every program of the domain.
+        """
+        return ParameterDeclarer(self._node, is_fixed=True)
+
+    def directories(self, name: str, default: Sequence[str], description: str) -> tuple[Path, ...]:
+        """Absolute directories, with ``~`` for the home of the user."""
+        directories = tuple(Path(text).expanduser() for text in self.texts(name, default, description))
+        for directory in directories:
+            if not directory.is_absolute():
+                raise UnfitParameterError(name, f'{shown(str(directory))} is not an absolute path; {description}')
+        return directories
 
     def real(
         self, name: str, default: float, least: float, most: float, description: str, read_only: bool = True
@@ -94,7 +116,7 @@ class ParameterDeclarer:
         descriptor = ParameterDescriptor(description=description, read_only=read_only, **bounds)
         try:
             if not self._node.has_parameter(name):
-                _declare(self._node, name, default, descriptor)
+                _declare(self._node, name, default, descriptor, self._is_fixed)
             return self._node.get_parameter(name).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             reason = str(error).removesuffix(f': {name}')  # the text ends with the name once more
@@ -103,8 +125,8 @@ class ParameterDeclarer:
             raise UnfitParameterError(name, f'its value was refused, set another one; {description}') from None
 
 
-def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
-    is_managed = isinstance(node, LifecycleNode)
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor, is_fixed: bool) -> None:
+    is_managed = isinstance(node, LifecycleNode) and not is_fixed
     if is_managed:
         descriptor.read_only = False
         descriptor.additional_constraints = READ_WHEN_CONFIGURED

@@ -73,7 +73,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
-    event_log_directory = declare.text(
+    event_log_directory = declare.fixed.text(
         'event_log_directory',
         f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
         'directory of the event log of commands, decisions and transitions; empty for none',
@@ -83,7 +83,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         peers=tuple(dict.fromkeys(peers)),
         peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         places=_places(
-            declare.text(
+            declare.fixed.text(
                 'places',
                 '',
                 'YAML file of the places that the robot knows by name, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
@@ -119,35 +119,35 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
             'seconds of wall time after a stop in which everything has to be confirmed at rest; '
             'a behavior that is not ends as an error then',
         ),
-        journal_directory=declare.text(
+        journal_directory=declare.fixed.text(
             'journal_directory',
             defaults.journal_directory,
             'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
         ),
         event_log_directory=event_log_directory,
-        event_log_size=declare.integer(
+        event_log_size=declare.fixed.integer(
             'event_log_size',
             defaults.event_log_size,
             1000,
             10**12,
             'bytes of a file of the event log before the next one is begun',
         ),
-        event_log_files=declare.integer(
+        event_log_files=declare.fixed.integer(
             'event_log_files', defaults.event_log_files, 1, 1000, 'files of the event log that are kept'
         ),
         monitoring=declare_monitoring(declare),
-        machine_directory=declare.text(
+        machine_directory=declare.fixed.text(
             'machine_directory',
             f'{event_log_directory}/machines' if event_log_directory else '',
             'directory of the behaviors that were synthesized, for the next start; empty for none '
             '(default: "machines" in that of the event log)',
         ),
-        capability_directories=declare.texts(
+        capability_directories=declare.fixed.texts(
             'capability_directories',
             defaults.capability_directories,
             'directories of capability files, which operators name without ".yaml" in a synthesis',
         ),
-        synthesis_memory=declare.integer(
+        synthesis_memory=declare.fixed.integer(
             'synthesis_memory',
             defaults.synthesis_memory,
             500_000_000,

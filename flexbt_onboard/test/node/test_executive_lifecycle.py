@@ -63,12 +63,12 @@ def holding() -> OperatableStateMachine:
 class ManagedBench(Operator):
     """A managed executive; the node of the console is its lifecycle manager as well."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, journal: str = '.') -> None:
         parameters = {
             'autostart': False,
             'peers': [''],
             'event_log_directory': str(directory),
-            'journal_directory': str(directory),
+            'journal_directory': str(directory / journal),
         }
         self.runtime = NodeRuntime(names.ONBOARD_EXECUTIVE, args=(), parameters=parameters, node_class=ManagedNode)
         assert isinstance(self.runtime.node, ManagedNode)
@@ -208,18 +208,20 @@ def test_twenty_rounds_leave_nothing_behind(bench: ManagedBench) -> None:
     assert len(Hold.left) == 10
 
 
+@pytest.fixture
+def bench_without_journal(tmp_path: Path) -> Iterator[ManagedBench]:
+    (tmp_path / 'journal').touch()  # no directory
+    opened = ManagedBench(tmp_path, 'journal')
+    yield opened
+    opened.close()
+
+
 def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(
-    bench: ManagedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bench_without_journal: ManagedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    bench = bench_without_journal
     before = bench.entities()
     threads: list[int] = []
-    (tmp_path / 'file').touch()
-
-    def put(directory: Path) -> None:
-        values = [Parameter('journal_directory', value=str(directory))]
-        assert bench.runtime.call(lambda: bench.node.set_parameters(values))[0].successful
-
-    put(tmp_path / 'file')
     for _ in range(3):
         assert not bench.manager.change('configure')
         assert bench.manager.state() == 'unconfigured'
@@ -234,8 +236,8 @@ def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(
     )
     wait_until(lambda: heard, 'diagnostics')
     assert (heard[-1].name, heard[-1].level) == ('/onboard_executive: lifecycle', DiagnosticStatus.ERROR)
-    assert str(tmp_path / 'file') in heard[-1].message
-    put(tmp_path / 'new')
+    assert str(tmp_path / 'journal') in heard[-1].message
+    (tmp_path / 'journal').unlink()
     bench.change('configure', 'activate')
     wait_until(lambda: 'active' in [one.message for one in heard if one.name.endswith('lifecycle')], 'active')
     bench.wait_message('')
@@ -249,7 +251,7 @@ def test_a_journal_that_cannot_be_written_is_an_error_that_can_be_mended(
             waited.append(bench.runtime.on_executor_thread)
 
     bench.change('deactivate', 'cleanup')
-    writing, file = Writing(), node_file(str(tmp_path / 'new'), f'/{names.ONBOARD_EXECUTIVE}', '.journal')
+    writing, file = Writing(), node_file(str(tmp_path / 'journal'), f'/{names.ONBOARD_EXECUTIVE}', '.journal')
     assert file is not None
     monkeypatch.setitem(journal._closing, file, writing)
     bench.change('configure')
@@ -286,3 +288,25 @@ def test_no_run_outlives_the_active_state_whatever_transitions_come(bench: Manag
         if state == 'unconfigured':
             assert bench.entities() == before
     assert started > 0
+
+
+def test_what_decides_over_files_and_limits_is_as_the_node_was_started(bench: ManagedBench) -> None:
+    attempts: list[tuple[str, Any]] = [
+        ('journal_directory', '/etc'),
+        ('event_log_directory', '/etc'),
+        ('event_log_size', 10**12),
+        ('event_log_files', 1),
+        ('machine_directory', '/etc'),
+        ('capability_directories', ['/etc']),
+        ('synthesis_memory', 10**13),
+        ('places', '/etc/hostname'),
+        ('requirements', '/etc/hostname'),
+    ]
+
+    def results() -> list[bool]:
+        parameters = [Parameter(name, value=value) for name, value in attempts]
+        return [one.successful for one in bench.runtime.call(lambda: bench.node.set_parameters(parameters))]
+
+    assert results() == [False] * len(attempts)
+    bench.change('configure', 'activate', 'deactivate', 'cleanup')
+    assert results() == [False] * len(attempts)

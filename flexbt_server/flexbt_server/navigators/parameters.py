@@ -76,7 +76,7 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
         if name not in NAVIGATORS:
             raise ServerParameterError(f"parameter 'navigators': {name!r} is not one of {', '.join(NAVIGATORS)}")
     trees = {
-        name: declare.text(
+        name: declare.fixed.text(
             parameter,
             f'flexbt_server/behavior_trees/{name}.xml',
             f'tree of a goal of {name} that names none: package/path.xml, an absolute path, or the ID of a loaded tree',
@@ -85,7 +85,7 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
     }
     directories = tuple(
         home_path(text)
-        for text in declare.texts(
+        for text in declare.fixed.texts(
             'bt_search_directories',
             (),
             'directories whose XML files are loaded at the start; goals may name their trees by ID',

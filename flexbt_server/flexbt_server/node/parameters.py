@@ -78,15 +78,6 @@ def declare_parameters(node: Node) -> ServerParameters:
     """
 
     declare = ParameterDeclarer(node)
-    directories = tuple(
-        Path(text).expanduser()
-        for text in declare.texts(
-            'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
-        )
-    )
-    for directory in directories:
-        if not directory.is_absolute():
-            raise ServerParameterError(f"parameter 'allowed_directories': {directory} is not an absolute path")
     written = declare.text(
         'nav2_branch',
         'jazzy',
@@ -95,14 +86,18 @@ def declare_parameters(node: Node) -> ServerParameters:
     branch = next((known for known in NAV2_BRANCHES if known == written), None)
     if branch is None:
         raise ServerParameterError(f"parameter 'nav2_branch': {written!r} is not one of {', '.join(NAV2_BRANCHES)}")
-    written = declare.text('btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty')
+    written = declare.fixed.text(
+        'btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'
+    )
     btlog_directory = home_path(written) if written else None
     if btlog_directory is not None and not btlog_directory.is_absolute():
         raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
     return ServerParameters(
         default_tree=declare.text('default_tree', '', 'tree of a goal that names none: ID or package/path.xml'),
         preload=declare.texts('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),
-        allowed_directories=directories,
+        allowed_directories=declare.fixed.directories(
+            'allowed_directories', (), 'directories, beside the package shares, that may hold XML files'
+        ),
         nav2_branch=branch,
         tick_rate=declare.real(
             'tick_rate', 10.0, 0.1, 1000.0, 'least rate at which a running tree is ticked without a wake-up, Hz'
@@ -130,15 +125,17 @@ def declare_parameters(node: Node) -> ServerParameters:
             DEFAULT_ERROR_CODE_NAMES,
             'blackboard keys whose error codes go into the result; each run has its own',
         ),
-        max_file_size=declare.integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
-        max_depth=declare.integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
-        groot2_port=declare.integer(
+        max_file_size=declare.fixed.integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
+        max_depth=declare.fixed.integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+        groot2_port=declare.fixed.integer(
             'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
         ),
-        groot2_address=declare.text('groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all'),
+        groot2_address=declare.fixed.text(
+            'groot2_address', '127.0.0.1', 'address on which Groot2 is waited for; * for all'
+        ),
         groot2_tree=declare.text('groot2_tree', '', 'ID of the tree that Groot2 is shown; if empty, the newest one'),
         btlog_directory=btlog_directory,
-        btlog_keep=declare.integer(
+        btlog_keep=declare.fixed.integer(
             'btlog_keep',
             100,
             1,

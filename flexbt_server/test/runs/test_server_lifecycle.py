@@ -234,6 +234,28 @@ def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> N
         assert not world.runtime.call(lambda: world.node.set_parameters(tick_rate))[0].successful
 
 
+def test_what_decides_over_files_addresses_and_limits_is_as_the_node_was_started(tmp_path: Path) -> None:
+    with managed(allowed_directories=[str(tmp_path)]) as world:
+        attempts: list[tuple[str, Any]] = [
+            ('allowed_directories', ['/']),
+            ('bt_search_directories', ['/']),
+            ('default_nav_to_pose_bt_xml', '/etc/hostname'),
+            ('btlog_directory', '/etc'),
+            ('groot2_address', '*'),
+            ('groot2_port', 1667),
+            ('max_file_size', 100_000_000),
+            ('max_depth', 10_000),
+        ]
+
+        def results() -> list[bool]:
+            parameters = [Parameter(name, value=value) for name, value in attempts]
+            return [one.successful for one in world.runtime.call(lambda: world.node.set_parameters(parameters))]
+
+        assert results() == [False] * len(attempts)
+        world.change('configure', 'activate', 'deactivate', 'cleanup')
+        assert results() == [False] * len(attempts)
+
+
 def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
     chance = random.Random(3)
     navigators = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]

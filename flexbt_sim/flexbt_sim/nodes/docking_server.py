@@ -18,7 +18,7 @@ from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, resolve_file
 from flexbt_common.values import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
@@ -115,7 +115,7 @@ class DockingServer:
     def _reload(self, request: Any, response: Any) -> Any:
         logger = self.runtime.node.get_logger()
         try:
-            self._docks = load_docks(Path(request.filepath))
+            self._docks = load_docks(resolve_file(request.filepath, self.parameters.allowed_directories))
         except FlexbtError as error:
             logger.error(f'the docks stay as they are: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return response

@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, resolve_file
 from flexbt_common.values import check_limits, duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.errors import NavigationError
@@ -115,7 +115,8 @@ class RouteServer:
             else:
                 self._take_graph(graph, on_taken)
 
-        self._computation.ask(lambda: load_graph(FilePath(request.graph_filepath)), on_loaded)
+        allowed = self._parameters.allowed_directories
+        self._computation.ask(lambda: load_graph(resolve_file(request.graph_filepath, allowed)), on_loaded)
         await done
         return response
 

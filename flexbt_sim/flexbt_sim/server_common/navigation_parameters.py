@@ -14,7 +14,7 @@ from rclpy.node import Node
 from flexbt_common import names
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
-from flexbt_common.runtime import ParameterDeclarer
+from flexbt_common.runtime import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
 from flexbt_core.values import hint, load_json, shown
 from flexbt_sim.costmaps import Inflation
 from flexbt_sim.errors import SimulationError
@@ -63,6 +63,7 @@ class NavigationParameters:
     time_before_collision: float
     routes: RouteParameters
     docking: DockingParameters
+    allowed_directories: tuple[Path, ...]
 
 
 def declare_navigation_parameters(node: Node) -> NavigationParameters:
@@ -107,6 +108,8 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
             'failure_tolerance', follower.patience, 0.0, 60.0, 'how long an obstacle is waited for, s'
         ),
     )
+    routes = declare_route_parameters(declare)
+    docking = declare_docking_parameters(declare, follower.turning_radius)
     return NavigationParameters(
         owner_nodes=declare.texts(
             'owner_nodes',
@@ -170,8 +173,12 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         time_before_collision=declare.real(
             'time_before_collision', 1.2, 0.1, 10.0, 'how far ahead the collision monitor looks, s'
         ),
-        routes=declare_route_parameters(declare),
-        docking=declare_docking_parameters(declare, follower.turning_radius),
+        routes=routes,
+        docking=docking,
+        allowed_directories=(
+            *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
+            *(Path(file).absolute().parent for file in (routes.graph_file, docking.database) if file),
+        ),
     )
 
 

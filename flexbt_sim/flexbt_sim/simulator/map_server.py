@@ -7,6 +7,7 @@ zones are told as Nav2's map_server and costmap_filter_info_server tell a Keepou
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
@@ -18,7 +19,7 @@ from nav_msgs.srv import GetMap
 
 from flexbt_common import names
 from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, resolve_file
 from flexbt_common.values import check_limits, time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.ros_messages import grid_message
@@ -30,9 +31,20 @@ from .node_parts import SimulatorParts
 class MapServer:
     """The map in one namespace. On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, namespace: str, frame: str, world: OccupancyMap | None) -> None:
-        """``world`` is None where there is no map: then there is none to be had until one is loaded."""
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        namespace: str,
+        frame: str,
+        world: OccupancyMap | None,
+        allowed_directories: Sequence[Path],
+    ) -> None:
+        """``world`` is None where there is no map: then there is none to be had until one is loaded.
+
+        ``allowed_directories`` are those, beside the shares of packages, from which the service loads one.
+        """
         node = self._node = runtime.node
+        self._allowed = allowed_directories
         self._frame = frame
         self._grid: OccupancyGrid | None = None
         server = f'{namespace}{names.MAP_SERVER}'
@@ -69,10 +81,8 @@ class MapServer:
             check_limits(request)
             if not self._part.is_active:
                 raise FlexbtError(f'{names.MAP_SERVER} is not active')
-            file = Path(unquote(urlparse(url).path) if url.startswith('file:') else url)
-            if not file.is_file():
-                response.result = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
-                raise FlexbtError(f'there is no file {file}')
+            response.result = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
+            file = resolve_file(unquote(urlparse(url).path) if url.startswith('file:') else url, self._allowed)
             response.result = LoadMap.Response.RESULT_INVALID_MAP_DATA
             response.map = self._publish(load_map(file))
             response.result = LoadMap.Response.RESULT_SUCCESS

@@ -130,7 +130,9 @@ class Simulator:
         """Make the topics of a robot that has come."""
         commands = Commands(self._drive, self._initial_pose, self._grip, lambda: self.world.time)
         topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands, self._in_process)
-        self._map_servers[robot.name] = MapServer(self.runtime, namespace, self.parameters.map_frame, self.world.map)
+        self._map_servers[robot.name] = MapServer(
+            self.runtime, namespace, self.parameters.map_frame, self.world.map, self.parameters.allowed_directories
+        )
         self._token.add_name(self._stands_in_for(namespace))
         self._robots = self._robots | {robot.name: topics}  # anew: the thread of the world goes through the old one
         self._watch_computations()

@@ -10,7 +10,7 @@ from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 
 from flexbt_common import names
-from flexbt_common.runtime import ParameterDeclarer
+from flexbt_common.runtime import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.fault_messages import check_fault
 from flexbt_sim.world import BatteryModel, Circle, DriveModel, LidarModel, Pose, RobotModel, World, load_map
@@ -44,6 +44,7 @@ class SimulatorParameters:
     base_frame: str
     footprint_frame: str
     scan_frame: str
+    allowed_directories: tuple[Path, ...]
 
     @property
     def source(self) -> Path:
@@ -98,10 +99,15 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
     )
     if len(pose) != 3:
         raise SimulationError(f"parameter 'initial_pose': expected [x, y, yaw], got {pose}")
+    map_file = Path(
+        declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
+    )
     return SimulatorParameters(
         world=Path(world) if world else None,
-        map=Path(
-            declare.text('map', '', 'YAML file of a ROS map; empty for the one that comes along') or built_in_map()
+        map=map_file,
+        allowed_directories=(
+            *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
+            (Path(world) if world else map_file).absolute().parent,
         ),
         initial_pose=Pose(*pose),
         seed=declare.integer('seed', 0, 0, 2**63 - 1, 'seed of all random numbers; 0 for that of the world file'),

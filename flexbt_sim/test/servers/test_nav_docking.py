@@ -164,8 +164,12 @@ def test_another_database_replaces_the_docks_and_a_broken_one_does_not(
         request = ReloadDockDatabase.Request(filepath=str(file))
         return bool(world.ask(ReloadDockDatabase, names.RELOAD_DOCKS, request).success)
 
-    file = tmp_path / 'docks.yaml'
-    file.write_text('docks: {shelf: {type: shelf, pose: [1, 2, 0]}}')
+    docks = 'docks: {shelf: {type: shelf, pose: [1, 2, 0]}}'
+    outside = tmp_path / 'docks.yaml'  # not where the file is that a parameter names
+    outside.write_text(docks)
+    assert not reload(outside)
+    file = world_file.parent / 'docks.yaml'
+    file.write_text(docks)
     assert reload(file)
     aborted(dock(world), Result.DOCK_NOT_IN_DB)
     aborted(dock(world, dock_id='shelf'), Result.DOCK_NOT_VALID)

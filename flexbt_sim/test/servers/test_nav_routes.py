@@ -162,7 +162,7 @@ def test_what_has_no_route_is_refused_with_nav2s_code(world: RobotProbe, case: s
 
 
 def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_does_not(
-    world: RobotProbe, tmp_path: Path
+    world: RobotProbe, graph_file: Path
 ) -> None:
     shown: list[MarkerArray] = []
     runtime = world.runtime
@@ -173,7 +173,9 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
     world.place(DOCK)
 
     def shows_where_the_robot_was_put() -> bool:  # the servers may learn it later than the probe
-        if not set_graph(world, write(tmp_path / 'other', other)):  # no transform of the robot since it was put there
+        if not set_graph(
+            world, write(graph_file.parent / 'other', other)
+        ):  # no transform of the robot since it was put there
             return False
         goal = by_ids(world, 7, 8)
         assert goal.wait().status is GoalStatus.SUCCEEDED
@@ -182,8 +184,8 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
 
     wait_until(shows_where_the_robot_was_put)
     for broken in ([*other, edge(2, 7, 9)], [node(7, 0.0, 0.0, frame='moon'), edge(1, 7, 7)]):
-        assert not set_graph(world, write(tmp_path / 'broken', broken))
-    assert not set_graph(world, tmp_path / 'missing')
+        assert not set_graph(world, write(graph_file.parent / 'broken', broken))
+    assert not set_graph(world, graph_file.parent / 'missing')
     assert by_ids(world, 7, 8).wait().status is GoalStatus.SUCCEEDED
 
     def markers(namespace: str) -> list[Marker]:
@@ -219,6 +221,20 @@ def track(world: RobotProbe, goal: int) -> SentGoal:
 
 def told(tracked: SentGoal) -> list[tuple[int, int, int, bool]]:
     return [(one.last_node_id, one.next_node_id, one.current_edge_id, one.rerouted) for one in tracked.feedback]
+
+
+def test_a_graph_outside_of_the_allowed_directories_is_refused_whether_it_is_there_or_not(
+    world: RobotProbe, graph_file: Path, tmp_path: Path
+) -> None:
+    outside = write(tmp_path / 'outside', CORRIDOR)
+    for file in (
+        outside,
+        tmp_path / 'missing',
+        graph_file.parent / '..' / tmp_path.name / 'outside',
+        Path('x' * 10**6),
+    ):
+        assert not set_graph(world, file)
+    assert set_graph(world, graph_file)
 
 
 def test_a_robot_is_tracked_along_its_route_to_the_end(world: RobotProbe, door: list[bool]) -> None:
@@ -268,11 +284,11 @@ def test_a_route_becomes_another_one_where_the_robot_is_and_the_robot_stays_on_i
 
 
 def test_an_edge_that_an_obstacle_blocks_is_given_up_before_the_robot_is_there(
-    world: RobotProbe, tmp_path: Path
+    world: RobotProbe, graph_file: Path
 ) -> None:
     """The pillar in the corridor is on the way; nothing leads round it."""
     way = [node(1, 3.0, 4.45), node(2, 4.0, 4.45), node(3, 7.0, 4.45), edge(12, 1, 2), edge(23, 2, 3)]
-    assert set_graph(world, write(tmp_path / 'pillar', way))
+    assert set_graph(world, write(graph_file.parent / 'pillar', way))
     world.place((3.0, 4.45, 0.0))
     tracked = by_ids(world, 1, 3, names.COMPUTE_AND_TRACK_ROUTE)
     aborted(tracked, Tracked.NO_VALID_ROUTE)
@@ -280,7 +296,7 @@ def test_an_edge_that_an_obstacle_blocks_is_given_up_before_the_robot_is_there(
 
 
 def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
-    world: RobotProbe, door: list[bool], tmp_path: Path
+    world: RobotProbe, door: list[bool], graph_file: Path
 ) -> None:
     door[0] = False
     tracked = track(world, 4)
@@ -288,12 +304,12 @@ def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
     tracked.cancel()
     assert tracked.wait().status is GoalStatus.CANCELED
     first = [node(1, 6.4, 4.45), node(2, 8.0, 4.45), edge(3, 1, 2, operations={'door': DOOR})]
-    set_graph(world, write(tmp_path / 'door', first))
+    set_graph(world, write(graph_file.parent / 'door', first))
     aborted(track(world, 2), Tracked.OPERATION_FAILED)
     door[0] = True
     for operation in (DOOR | {'type': 'sing'}, DOOR | {'metadata': {}}):
         first[2] = edge(3, 1, 2, operations=[operation])
-        set_graph(world, write(tmp_path / 'door', first))
+        set_graph(world, write(graph_file.parent / 'door', first))
         aborted(track(world, 2), Tracked.OPERATION_FAILED)
 
 

@@ -548,6 +548,9 @@ def test_localization_and_map_have_the_services_of_nav2(bench: Bench) -> None:
     wait_until(lambda: maps[-1].info.width == answer.map.info.width)
     for url, code in (
         ('/nowhere.yaml', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        ('/etc/hostname', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),  # nothing says that it is there
+        (f'{rooms.parent}/../../../../../../../etc/hostname', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
+        ('x' * 1_000_000, LoadMap.Response.RESULT_UNDEFINED_FAILURE),
         (str(rooms.with_suffix('.png')), LoadMap.Response.RESULT_INVALID_MAP_DATA),
     ):
         assert bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=url).result == code
