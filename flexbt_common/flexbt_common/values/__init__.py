@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Typed values as messages and as text."""
 
+from .decision_subject import subject_fields, subject_message
 from .entries import (
     Encoding,
     ValueType,
@@ -13,7 +14,7 @@ from .entries import (
     value_to_text,
 )
 from .limits import LONG_TEXT, MESSAGE, check_limits, length_of, make_sendable
-from .pose_lists import poses_of, set_poses
+from .pose_lists import fewer_poses, poses_of, set_poses
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
@@ -27,6 +28,7 @@ __all__ = [
     'check_limits',
     'check_value',
     'duration_message',
+    'fewer_poses',
     'from_entry',
     'from_plain',
     'length_of',
@@ -36,6 +38,8 @@ __all__ = [
     'resolve_type',
     'seconds_of',
     'set_poses',
+    'subject_fields',
+    'subject_message',
     'text_to_value',
     'time_message',
     'time_of_nanoseconds',

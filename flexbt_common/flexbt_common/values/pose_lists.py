@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,3 +22,20 @@ def set_poses(message: Any, field: str, poses: Sequence[PoseStamped]) -> None:
         there.goals = list(poses)
     else:
         setattr(message, field, list(poses))
+
+
+def fewer_poses(value: Any, most: int) -> Any:
+    """Return a path, or a list of poses, with every n-th of its poses and the last one, ``most`` of them at most.
+
+    One that has no more is returned itself; the value is never changed.
+    """
+    poses = getattr(value, 'poses', value)
+    if len(poses) <= most:
+        return value
+    step = -(-(len(poses) - 1) // (most - 1))
+    kept = [*poses[:-1:step], poses[-1]]
+    if poses is value:
+        return kept
+    path = copy.copy(value)
+    path.poses = kept
+    return path

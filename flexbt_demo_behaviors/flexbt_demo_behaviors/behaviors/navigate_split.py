@@ -94,6 +94,7 @@ class NavigateSplit(Behavior):
                     outcomes=['done', 'canceled', 'failed'],
                     hint='Is the path good? done: drive, canceled: another goal, failed: recover first',
                     suggestion='done',
+                    shows=['path', 'goal'],
                 ),
                 transitions={'done': 'FollowPath', 'canceled': 'AskGoal', 'failed': 'Recover'},
                 autonomy={'done': Autonomy.High, 'canceled': Autonomy.Full, 'failed': Autonomy.Full},

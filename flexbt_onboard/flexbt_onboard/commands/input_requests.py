@@ -13,10 +13,10 @@ from builtin_interfaces.msg import Time
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import from_entry, resolve_type, text_to_value, to_entry
+from flexbt_common.values import from_entry, resolve_type, subject_fields, text_to_value, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import OperatorInput
-from flexbt_msgs.msg import BlackboardEntry, PendingDecision
+from flexbt_msgs.msg import BlackboardEntry, DecisionSubject, PendingDecision
 from flexbt_onboard.errors import CommandRefusedError
 
 from .command_bounds import OPEN_REQUESTS
@@ -25,6 +25,10 @@ OnChange = Callable[[str, Mapping[str, Any]], None]
 
 MOST_REQUESTS: Final = 100
 """Requests that are open at a time: each is in every status."""
+
+
+SUBJECT_BYTES: Final = 128_000
+"""Of what a request is about: it goes to every console."""
 
 
 @dataclass
@@ -36,6 +40,7 @@ class _InputRequest:
     asker: str
     since: Time
     goal: ServedGoal
+    subject: DecisionSubject | None
 
 
 class InputRequests:
@@ -73,9 +78,14 @@ class InputRequests:
                 input_type=request.type,
                 input_choices=request.choices,
                 since=request.since,
+                **subject_fields(request.subject),
             )
             for request in self._open.values()
         ]
+
+    def subjects(self) -> list[DecisionSubject]:
+        """What the open requests are about."""
+        return [request.subject for request in self._open.values() if request.subject is not None]
 
     def is_open(self, request_id: str) -> bool:
         """Whether there is such a request and it waits for its answer."""
@@ -138,19 +148,22 @@ class InputRequests:
         if len(self._open) >= OPEN_REQUESTS:
             goal.abort(_refused(f'{len(self._open)} input requests wait for the operator already; no more are taken'))
             return
+        id = f'input-{next(self._numbers)}'
         try:
             type = _checked_type(wanted)
+            subject = _checked_subject(id, wanted.subject)
         except FlexbtError as error:
             goal.abort(_refused(str(error)))
             return
         request = _InputRequest(
-            id=f'input-{next(self._numbers)}',
+            id=id,
             prompt=wanted.prompt,
             type=type,
             choices=list(wanted.choices),
             asker=wanted.asker,
             since=self._runtime.clock.stamp(),
             goal=goal,
+            subject=subject,
         )
         self._open[request.id] = request
         self._on_change('waiting', _event_fields(request))
@@ -184,6 +197,15 @@ def _checked_type(goal: Any) -> str:
     for text in goal.choices:
         text_to_value(text, type)
     return type
+
+
+def _checked_subject(id: str, given: DecisionSubject) -> DecisionSubject | None:
+    """What a request is about, under the name of the request; None when it is about nothing."""
+    size = sum(len(entry.text) + len(entry.data) for entry in given.entries)
+    if size > SUBJECT_BYTES:
+        raise CommandRefusedError(f'the subject has {size} bytes; at most {SUBJECT_BYTES} are shown with a request')
+    given.id, given.number = id, 1
+    return given if given.entries or given.notes else None
 
 
 def _checked_answer(request: _InputRequest, answer: BlackboardEntry) -> BlackboardEntry:

@@ -4,12 +4,13 @@
 from .clock_publishers import ClockPublishers
 from .command_intake import CommandIntake
 from .event_stream import EventStream
-from .executive_status import status_of
+from .executive_status import status_of, subjects_of
 from .motion_stop import MOTION_ACTIONS, MotionStop
 from .operator_link import OperatorLink
 from .peers import PeersWatch
+from .robot_plan import RobotPlan
 from .robot_pose import RobotPose
-from .shown_status import ShownStatus
+from .shown_status import Picture, ShownStatus
 from .status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 from .userdata_server import UserdataServer
 
@@ -23,9 +24,12 @@ __all__ = [
     'MotionStop',
     'OperatorLink',
     'PeersWatch',
+    'Picture',
+    'RobotPlan',
     'RobotPose',
     'ShownStatus',
     'StatusPublisher',
     'UserdataServer',
     'status_of',
+    'subjects_of',
 ]

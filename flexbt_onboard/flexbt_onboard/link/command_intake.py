@@ -2,8 +2,7 @@
 """Commands as they come in: from anybody, as many as anybody sends, and of any size.
 
 A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come is
-taken at once, and what one participant of the domain sends above a rate, or is too large, is dropped before it is
-unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. Who goes on
+taken at once, and what one process sends above a rate, or is too large, is dropped before it is unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. Who goes on
 with that is ignored by the middleware. A console sends a command again until it is answered.
 """
 
@@ -18,15 +17,15 @@ from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages, Sende
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveLog
 
 COMMAND_RATE: Final = 50.0
-"""Commands a second that are taken from one participant on average, and as many stops."""
+"""Commands a second that are taken from one process on average, and as many stops."""
 
 COMMAND_BURST: Final = 100
-"""Commands that are taken from one participant at once after a quiet time."""
+"""Commands that are taken from one process at once after a quiet time."""
 
 COMMAND_BYTES: Final = 2_000_000
 """Bytes of a command, at most."""
 
-_PARTICIPANTS: Final = 256
+_PROCESSES: Final = 256
 _TELL_SECONDS: Final = 10.0
 
 OnCommand = Callable[[ExecutiveCommand, bytes], object]
@@ -49,7 +48,7 @@ class CommandIntake:
         self._on_command = on_command
         self._tell = tell
         self._messages: dict[str, ReceivedMessages] = {}
-        self._told: dict[bytes, float] = {}  # participants, and until when nothing more is told of each
+        self._told: dict[bytes, float] = {}  # processes, and until when nothing more is told of each
         commands = () if only_stops else ((names.EXECUTIVE_COMMAND, names.command()),)
         for topic, qos in ((names.EXECUTIVE_STOP, names.stop()), *commands):
             rates = SenderRates(COMMAND_RATE, COMMAND_BURST, runtime.steady.now)
@@ -65,7 +64,7 @@ class CommandIntake:
             )
 
     def _receive(self, topic: str, rates: SenderRates, received: Received) -> None:
-        if not rates.allows(received.participant):
+        if not rates.allows(received.process):
             self._messages[topic].blame(received)
             self._drop(topic, received, f'it sends more than {COMMAND_RATE:g} a second')
             return
@@ -84,12 +83,12 @@ class CommandIntake:
 
     def _drop(self, topic: str, received: Received, why: str) -> None:
         """Tell it, once in a while."""
-        now, participant = self._runtime.steady.now(), received.participant
-        if now < self._told.get(participant, now):
+        now, process = self._runtime.steady.now(), received.process
+        if now < self._told.get(process, now):
             return
         self._told = {key: until for key, until in self._told.items() if now < until}
-        if len(self._told) >= _PARTICIPANTS:
+        if len(self._told) >= _PROCESSES:
             return
-        self._told[participant] = now + _TELL_SECONDS
-        who = writer_name(self._runtime.node, topic, participant) if participant else 'somebody'
+        self._told[process] = now + _TELL_SECONDS
+        who = writer_name(self._runtime.node, topic, received.participant) if process else 'somebody'
         self._tell(ExecutiveLog.WARN, f'commands of {who or "a node that is gone"} were dropped: {why}')

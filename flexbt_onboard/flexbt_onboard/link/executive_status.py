@@ -8,13 +8,24 @@ from typing import Final
 
 from geometry_msgs.msg import PoseStamped
 
-from flexbt_common.values import time_of_nanoseconds
+from flexbt_common.values import subject_fields, time_of_nanoseconds
 from flexbt_core.state_machine import ROOT_PATH, Progress
-from flexbt_msgs.msg import ActiveState, AutonomyLevel, CommandResult, ExecutiveStatus, PeerStatus, PendingDecision
+from flexbt_msgs.msg import (
+    ActiveState,
+    AutonomyLevel,
+    CommandResult,
+    DecisionSubject,
+    DecisionSubjects,
+    ExecutiveStatus,
+    PeerStatus,
+    PendingDecision,
+)
 from flexbt_msgs.msg import Progress as ProgressMessage
 from flexbt_onboard.commands import Authority
 from flexbt_onboard.durability import InterruptedRun
 from flexbt_onboard.runs import ActiveLeaf, LastRun, RunDecision, RunPhase, RunSnapshot, ShownRun
+
+from .robot_pose import RobotPose
 
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
@@ -29,7 +40,7 @@ def status_of(
     input_requests: Sequence[PendingDecision],
     results: Sequence[CommandResult],
     peers: Sequence[PeerStatus],
-    pose: PoseStamped,
+    pose: RobotPose,
     authority: Authority,
     gone: Sequence[str],
     notice: str,
@@ -46,7 +57,8 @@ def status_of(
         decisions=list(input_requests),
         results=list(results),
         peers=list(peers),
-        robot_pose=pose,
+        robot_pose=pose.latest(),
+        pose_problem=pose.problem(),
         authority=authority.holder,
         authority_requests=list(authority.requests),
     )
@@ -69,6 +81,13 @@ def status_of(
         status.autonomy_levels = _levels(run.levels)
     status.message = '; '.join(filter(None, [status.message, notice]))
     return status
+
+
+def subjects_of(run: ShownRun, of_requests: Sequence[DecisionSubject]) -> DecisionSubjects:
+    """What the decisions of that status are about; the sender is for whoever sends it."""
+    decisions = run.decisions if isinstance(run, RunSnapshot) else ()
+    of_decisions = [decision.subject for decision in decisions if decision.subject is not None]
+    return DecisionSubjects(subjects=[*of_decisions, *of_requests])
 
 
 def _active_state(leaf: ActiveLeaf) -> ActiveState:
@@ -104,6 +123,7 @@ def _decision(decision: RunDecision, gone: Sequence[str]) -> PendingDecision:
         required_autonomy=decision.required_autonomy,
         prompt='; '.join(filter(None, [decision.prompt, *missing])),
         since=time_of_nanoseconds(decision.since),
+        **subject_fields(decision.subject),
     )
 
 

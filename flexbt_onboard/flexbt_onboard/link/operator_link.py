@@ -22,7 +22,14 @@ from flexbt_common import names
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
 from flexbt_common.values import LONG_TEXT, make_sendable
 from flexbt_core.values import Place, lines, one_line, sendable
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus, PlaceList
+from flexbt_msgs.msg import (
+    BehaviorList,
+    BehaviorStructure,
+    DecisionSubjects,
+    ExecutiveLog,
+    ExecutiveStatus,
+    PlaceList,
+)
 from flexbt_msgs.msg import Place as PlaceMessage
 
 from .command_intake import CommandIntake, OnCommand
@@ -32,7 +39,7 @@ PING_BYTES: Final = 1_000
 
 PING_RATE: Final = 50.0
 PING_BURST: Final = 100
-"""Pings of one participant that are echoed: a second, and at once."""
+"""Pings of one process that are echoed: a second, and at once."""
 
 _MOST_LINES: Final = 200
 """Of a text, in the log of the node: a trace may be long."""
@@ -50,6 +57,8 @@ class OperatorLink:
         self._log_lock = threading.Lock()
         node = runtime.node
         self._status = node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched())
+        self._subjects = node.create_publisher(DecisionSubjects, names.EXECUTIVE_SUBJECTS, names.latched())
+        self._subjects_sent: list[tuple[str, int]] | None = None
         self._structure = node.create_publisher(BehaviorStructure, names.EXECUTIVE_STRUCTURE, names.latched())
         self._behaviors = node.create_publisher(BehaviorList, names.EXECUTIVE_BEHAVIORS, names.latched())
         self._places = node.create_publisher(PlaceList, names.PLACES, names.latched())
@@ -68,7 +77,7 @@ class OperatorLink:
         )
 
     def _on_ping(self, ping: Received) -> None:
-        if not self._ping_rates.allows(ping.participant):
+        if not self._ping_rates.allows(ping.process):
             self._pings.blame(ping)
             return
         try:
@@ -97,6 +106,16 @@ class OperatorLink:
         make_sendable(status)
         self._status.publish(status)
 
+    def publish_subjects(self, subjects: DecisionSubjects) -> None:
+        """Send what the decisions of the next status are about, if it has changed. On the executor thread."""
+        sent = [(subject.id, subject.number) for subject in subjects.subjects]
+        if sent == self._subjects_sent:
+            return
+        self._subjects_sent = sent
+        subjects.executive_id = self._executive_id
+        make_sendable(subjects)
+        self._subjects.publish(subjects)
+
     def publish_structure(self, structure: BehaviorStructure) -> None:
         """Send the structure of a run, before the run's first status."""
         make_sendable(structure)
@@ -119,6 +138,7 @@ class OperatorLink:
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
         """Tell the operator a line, and the node's own log as well; from any thread."""
         text = sendable(text, LONG_TEXT)
+        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
         try:
             with self._log_lock:  # numbers are published in their order
                 self._log_sequence += 1
@@ -138,7 +158,6 @@ class OperatorLink:
         line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
         _log_to_node(self._runtime.node, severity, line)
 
-        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
 
 def _pose(place: Place) -> PoseStamped:
     pose = PoseStamped()

@@ -47,8 +47,12 @@ class PeersWatch:
         log: Callable[[int, str], None],
         changed: Callable[[], None],
         timeout: float,
+        *,
+        are_expected: bool = True,
     ) -> None:
+        """``are_expected``: that one was not seen yet is a fault already."""
         self._runtime = runtime
+        self._are_expected = are_expected
         self._log = log
         self._tell_change = changed
         self._peers = [_Peer(_qualified(runtime, name), runtime.clock.stamp()) for name in names]
@@ -77,6 +81,7 @@ class PeersWatch:
                 late=watch.late,
                 age=watch.age,
                 ready=peer.ready,
+                expected=self._are_expected or peer.alive is not None,
                 problem=sendable(watch.problem) or self._absence(peer),
                 since=peer.since,
             )
@@ -86,14 +91,6 @@ class PeersWatch:
     def gone(self) -> list[str]:
         """The names of those that were alive, and are not any more."""
         return [peer.name for peer in self._peers if peer.alive is False]
-
-    def late(self) -> bool:
-        """Whether one of them is late."""
-        return any(watch.late for watch in self._watches)
-
-    def silent(self) -> bool:
-        """Whether one of them is not heard, and is not known to have ended."""
-        return any(watch.silent for watch in self._watches)
 
     def has_ended(self, writer: bytes) -> bool:
         """Whether this is a writer of one of them whose process has ended for certain."""

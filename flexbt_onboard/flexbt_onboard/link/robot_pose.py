@@ -13,9 +13,18 @@ class RobotPose:
     """The newest message of a PoseStamped topic."""
 
     def __init__(self, runtime: NodeRuntime, topic: str) -> None:
+        self._node = runtime.node
+        self._topic = runtime.node.resolve_topic_name(topic)
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._pose = LatestMessage(runtime.node, PoseStamped, topic, qos)
 
     def latest(self) -> PoseStamped:
         """The newest pose; its frame_id is empty while none has come."""
         return self._pose.message or PoseStamped()
+
+    def problem(self) -> str:
+        """Why the newest pose is not known, or may not be the present one; '' when somebody tells it."""
+        is_told = self._node.count_publishers(self._topic) > 0
+        if self._pose.message is None:
+            return f'nothing came on {self._topic} yet' if is_told else f'nobody publishes {self._topic}'
+        return '' if is_told else f'nobody publishes {self._topic} any more'

@@ -5,9 +5,17 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 from flexbt_common.runtime import NodeRuntime
-from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_msgs.msg import DecisionSubjects, ExecutiveStatus
+
+
+class Picture(NamedTuple):
+    """The status, and what its decisions are about."""
+
+    status: ExecutiveStatus
+    subjects: DecisionSubjects
 
 
 class ShownStatus:
@@ -21,14 +29,13 @@ class ShownStatus:
     def __init__(
         self,
         runtime: NodeRuntime,
-        make: Callable[[], ExecutiveStatus],
-        publish: Callable[[ExecutiveStatus], None],
+        make: Callable[[], Picture],
+        publish: Callable[[Picture], None],
         when_durable: Callable[[Callable[[], object]], None],
         changed: Callable[[], None],
     ) -> None:
         """Must be called before anything happens: what was found in the journal is durable."""
-        self.message = make()
-        """What is shown, or is going to be shown first."""
+        self._picture = make()
         self._runtime = runtime
         self._make = make
         self._publish = publish
@@ -37,6 +44,11 @@ class ShownStatus:
         self._to_show: deque[Callable[[], None]] = deque()
         self._is_waiting = False
         self._is_outdated = False
+
+    @property
+    def message(self) -> ExecutiveStatus:
+        """What is shown, or is going to be shown first."""
+        return self._picture.status
 
     def show(self, publish: Callable[[], None]) -> None:
         """Have ``publish`` called when the journal has all that has happened so far, in the order of these calls."""
@@ -47,11 +59,11 @@ class ShownStatus:
         """Show the status of now as soon as that is possible, or that of before."""
         if self._is_waiting:
             self._is_outdated = True
-            self._publish(self.message)
+            self._publish(self._picture)
             return
         self._is_waiting = True
-        status = self._make()
-        self.show(lambda: self._show(status))
+        picture = self._make()
+        self.show(lambda: self._show(picture))
 
     def _show_next(self) -> None:
         # The first of them, whichever is told: what came before is durable as well.
@@ -63,9 +75,9 @@ class ShownStatus:
         else:
             self._runtime.post(fn)
 
-    def _show(self, status: ExecutiveStatus) -> None:
-        self._is_waiting, self.message = False, status
-        self._publish(status)
+    def _show(self, picture: Picture) -> None:
+        self._is_waiting, self._picture = False, picture
+        self._publish(picture)
         if self._is_outdated:
             self._is_outdated = False
             self._changed()

@@ -63,7 +63,7 @@ class Diagnostics:
         return diagnostic_status(self._runtime, 'behavior', level, message, values)
 
     def _peers(self, status: ExecutiveStatus) -> DiagnosticStatus:
-        gone = [one.name for one in status.peers if not one.alive]
+        gone = [one.name for one in status.peers if one.expected and not one.alive]
         unready = [one.name for one in status.peers if one.alive and not one.ready]
         level, message = DiagnosticStatus.OK, 'all ready'
         if gone:

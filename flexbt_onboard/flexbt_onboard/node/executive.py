@@ -18,7 +18,7 @@ from flexbt_common.cli import node_file
 from flexbt_common.lifecycle import SHUTTING_DOWN
 from flexbt_common.liveness import LivelinessToken, PresenceWatch
 from flexbt_common.runtime import NodeRuntime
-from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog, ExecutiveStatus
+from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors import BehaviorLibrary, StateServices
 from flexbt_onboard.commands import (
     COMMANDS,
@@ -37,11 +37,14 @@ from flexbt_onboard.link import (
     MotionStop,
     OperatorLink,
     PeersWatch,
+    Picture,
+    RobotPlan,
     RobotPose,
     ShownStatus,
     StatusPublisher,
     UserdataServer,
     status_of,
+    subjects_of,
 )
 from flexbt_onboard.runs import BehaviorRun, OperatorWatch, RunDisplay, RunSupervisor, StopWatch
 from flexbt_onboard.synthesis import MachineStore, SearchSettings, SynthesisServer, Synthesizer, serve_flexbe
@@ -101,9 +104,12 @@ class Executive:
             lambda severity, text: report.log(severity, text, run_id=self.runs.run.run_id if self.runs.run else ''),
             self._nodes_changed,
             parameters.peer_timeout,
+            are_expected=parameters.expects_peers,
         )
         clock_publishers = ClockPublishers(runtime, self._link.log, self._status.changed)
         pose = RobotPose(runtime, parameters.pose_topic)
+        self._plan = RobotPlan(runtime, parameters.plan_topic)
+        self._planned_run = ''
         self._presence = presence = PresenceWatch(runtime, functools.partial(self._link.log, ExecutiveLog.WARN))
         self._authority = Authority(runtime, presence, parameters.authority_timeout, self._authority_changed)
         self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
@@ -164,21 +170,21 @@ class Executive:
         SynthesisServer(runtime, synthesizer, self._admission, presence)
         serve_flexbe(runtime, synthesizer, self._admission)
 
-        def status() -> ExecutiveStatus:
-            return status_of(
-                self.runs.shown,
+        def picture() -> Picture:
+            run = self.runs.shown
+            status = status_of(
+                run,
                 self._input_requests.decisions(),
                 ledger.results(),
                 peers.statuses(),
-                pose.latest(),
+                pose,
                 self._authority,
                 peers.gone(),
                 '; '.join(filter(None, [self._admission.refusal, problems.text, clock_publishers.problem])),
             )
+            return Picture(status, subjects_of(run, self._input_requests.subjects()))
 
-        self._shown = ShownStatus(
-            runtime, status, self._link.publish_status, journal.when_durable, self._status.changed
-        )
+        self._shown = ShownStatus(runtime, picture, self._show, journal.when_durable, self._status.changed)
         Diagnostics(runtime, lambda: self._shown.message, problems.texts)
         runtime.on_fault(report.fault)
         self._link.publish_places(parameters.places)
@@ -268,7 +274,14 @@ class Executive:
             self.runs.run.ask_activities()
         self._actions.refresh()
 
+    def _show(self, picture: Picture) -> None:
+        self._link.publish_subjects(picture.subjects)
+        self._link.publish_status(picture.status)
+
     def _publish_structure(self, structure: BehaviorStructure) -> None:
+        if structure.run_id != self._planned_run:  # not when a run goes on with another behavior
+            self._planned_run = structure.run_id
+            self._plan.clear()
         self._shown.show(lambda: self._link.publish_structure(structure))
 
     def _authority_changed(self, text: str) -> None:

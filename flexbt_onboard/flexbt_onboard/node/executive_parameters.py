@@ -40,6 +40,7 @@ class ExecutiveParameters(MotionParameters):
 
     peers: tuple[str, ...] = (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR, names.STOP_GUARD)
     peer_timeout: float = PEER_TIMEOUT
+    plan_topic: str = names.PLAN
     places: Mapping[str, Place] = field(default_factory=dict)
     heartbeat_period: float = 0.5
     autonomy: int = 1
@@ -54,6 +55,11 @@ class ExecutiveParameters(MotionParameters):
     capability_directories: tuple[str, ...] = ()
     synthesis_memory: int = 4_000_000_000
 
+    @property
+    def expects_peers(self) -> bool:
+        """Whether somebody has named the peers: those of the default need not be parts of this robot."""
+        return self.peers != ExecutiveParameters.peers
+
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
     """Declare the parameters on the node and read them;
@@ -66,13 +72,21 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     peers = declare.texts(
         'peers',
         defaults.peers,
-        'names of the nodes that missions depend on; an operator sees whether they are alive and ready',
+        'names of the nodes that missions depend on; an operator sees whether they are alive and ready. One of the '
+        'default is missed only after it was seen',
     )
     for name in peers:
         try:
             validate_topic_name(name)
         except InvalidTopicNameException as error:
             raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
+    plan_topic = declare.text(
+        'plan_topic', defaults.plan_topic, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
+    )
+    try:
+        validate_topic_name(plan_topic)
+    except InvalidTopicNameException as error:
+        raise OnboardError(f'parameter plan_topic: {plan_topic!r} is not a topic: {error}') from None
     event_log_directory = declare.fixed.text(
         'event_log_directory',
         f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
@@ -81,6 +95,7 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     return ExecutiveParameters(
         **vars(declare_motion(declare)),
         peers=tuple(dict.fromkeys(peers)),
+        plan_topic=plan_topic,
         peer_timeout=declare.real('peer_timeout', defaults.peer_timeout, 0.6, 3600.0, PEER_TIMEOUT_TEXT),
         places=_places(
             declare.fixed.text(

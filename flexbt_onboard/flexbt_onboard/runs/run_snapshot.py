@@ -9,8 +9,19 @@ from enum import Enum
 from typing import Any, Final
 
 from flexbt_common.runtime import RosClock
-from flexbt_core.state_machine import ROOT_PATH, DecisionKind, HeldBack, LeafRun, MachineRun, Progress, is_inside
+from flexbt_common.values import subject_message
+from flexbt_core.state_machine import (
+    ROOT_PATH,
+    Decision,
+    DecisionKind,
+    HeldBack,
+    LeafRun,
+    MachineRun,
+    Progress,
+    is_inside,
+)
 from flexbt_core.values import sendable
+from flexbt_msgs.msg import DecisionSubject
 from flexbt_onboard.behaviors import OperatorGone, RunGoals
 
 _MOST_LINES: Final = 20
@@ -55,7 +66,10 @@ class ActiveLeaf:
 
 @dataclass(frozen=True)
 class RunDecision:
-    """A transition that waits for the operator; see flexbt_msgs/msg/PendingDecision. ``since`` is in ns of ROS time."""
+    """A transition that waits for the operator; see flexbt_msgs/msg/PendingDecision. ``since`` is in ns of ROS time.
+
+    ``subject`` is what it is about, if it is about any value.
+    """
 
     id: str
     kind: DecisionKind
@@ -65,6 +79,7 @@ class RunDecision:
     required_autonomy: int
     prompt: str
     since: int
+    subject: DecisionSubject | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +143,7 @@ class SnapshotSource:
         self._clock = clock
         self._run_id = run_id
         self._entered_at: dict[str, float] = {}  # of what the last snapshot has
+        self._subjects: dict[str, dict[str, Any]] = {}  # by decision: the values of which its subject was made
 
     def is_outdated(self) -> bool:
         """Whether a state is active that is not in the last snapshot."""
@@ -198,8 +214,21 @@ class SnapshotSource:
                     since=self._stamp(decision.since),
                 )
                 events.append(('waiting', _waiting(shown)))
-            decisions.append(shown)
+            decisions.append(self._with_subject(shown, decision))
+        for id in known:
+            self._subjects.pop(id, None)
         return tuple(decisions), [*events, *(('decided', {'decision': id}) for id in known)]
+
+    def _with_subject(self, shown: RunDecision, decision: Decision) -> RunDecision:
+        """With what it is about: made anew when one of the values was replaced by another."""
+        values, missing = self.machine.subject(decision)
+        before = self._subjects.get(shown.id, {})
+        is_known = before.keys() == values.keys() and all(before[key] is value for key, value in values.items())
+        if is_known and (shown.subject is not None or not missing):
+            return shown
+        self._subjects[shown.id] = values
+        number = shown.subject.number + 1 if shown.subject is not None else 1
+        return replace(shown, subject=subject_message(shown.id, number, values, missing))
 
     def _stamp(self, when: float) -> int:
         """ROS time of a time of the run's clock, which may be ahead of ROS time by jumps that were taken out."""

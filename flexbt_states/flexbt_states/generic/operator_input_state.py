@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from flexbt_common import names
 from flexbt_common.calls import GoalOutcome, GoalStatus
-from flexbt_common.values import check_value, from_entry, text_to_value
+from flexbt_common.values import check_value, from_entry, subject_message, text_to_value
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import UserData
 from flexbt_msgs.action import OperatorInput
 from flexbt_states.errors import StateParameterError
-from flexbt_states.support import GoalCall, GoalState, checked_timeout, checked_topic, checked_type
+from flexbt_states.support import GoalCall, GoalState, checked_keys, checked_timeout, checked_topic, checked_type
 
 
 class OperatorInputState(GoalState):
@@ -24,6 +24,9 @@ class OperatorInputState(GoalState):
     -- choices      string[]    Texts that may be answered; empty for any value of the type
     -- timeout      float       Seconds (wall time) to wait for the answer; None for no limit
     -- topic        string      Name of the action of the executive that asks
+    -- shows        string[]    Userdata keys that the operator is shown with the question
+
+    ># SHOWN                    Each of shows.
 
     #> data                     The answer: a value of the type.
 
@@ -39,8 +42,14 @@ class OperatorInputState(GoalState):
         choices: Sequence[str] = (),
         timeout: float | None = None,
         topic: str = names.OPERATOR_INPUT,
+        shows: Iterable[str] = (),
     ) -> None:
-        super().__init__(outcomes=['received', 'declined', 'failed'], output_keys=['data'], desired_rate=None)
+        super().__init__(
+            outcomes=['received', 'declined', 'failed'],
+            input_keys=checked_keys(self, 'shows', shows),
+            output_keys=['data'],
+            desired_rate=None,
+        )
         self._prompt = prompt
         self._type = checked_type(self, 'type', type)
         if isinstance(choices, str):
@@ -57,7 +66,15 @@ class OperatorInputState(GoalState):
         self._goal = GoalCall(self, OperatorInput, checked_topic(self, 'topic', topic), not_paused=tuple)
 
     def on_enter(self, userdata: UserData) -> None:
-        goal = OperatorInput.Goal(prompt=self._prompt, type=self._type, choices=self._choices, asker=self.path)
+        shown = {key: userdata[key] for key in self.input_keys if key in userdata}
+        missing = [key for key in self.input_keys if key not in shown]
+        goal = OperatorInput.Goal(
+            prompt=self._prompt,
+            type=self._type,
+            choices=self._choices,
+            asker=self.path,
+            subject=subject_message('', 0, shown, missing),
+        )
         self._goal.send(goal, timeout=self._timeout)
 
     def execute(self, userdata: UserData) -> str | None:

@@ -112,6 +112,17 @@ def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> 
     return names
 
 
+def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str]:
+    """Userdata keys, none of them twice."""
+    if isinstance(keys, str):
+        raise StateParameterError(state, parameter, f'{keys!r} is a string, not a list of userdata keys')
+    names = list(keys)
+    for name in names:
+        if not isinstance(name, str) or not name:
+            raise StateParameterError(state, parameter, f'{name!r} is no userdata key')
+    return list(dict.fromkeys(names))
+
+
 def checked_callable(state: object, parameter: str, function: Any) -> Callable[..., Any]:
     """A function; text is not evaluated."""
     if not callable(function):

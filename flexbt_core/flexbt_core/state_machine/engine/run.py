@@ -226,6 +226,25 @@ class MachineRun:
         found = [region.decision for region in self.regions() if region.decision is not None]
         return sorted(found, key=lambda decision: int(decision.id)) if len(found) > 1 else found
 
+    def subject(self, decision: Decision) -> tuple[dict[str, Any], list[str]]:
+        """Return the values that a pending decision is about, by key, and the input keys that have none.
+
+        They are what the state declares as inputs and outputs, or all that its machine knows where it declares nothing.
+        The values are those themselves, to be left as they are. On the thread of the run.
+        """
+        region = next(one for one in self.regions() if one.decision is decision)
+        child = region.child
+        if isinstance(child, ContainerRun):
+            visible, inputs, outputs = child.scope.visible(), (), child.definition.output_keys
+        else:
+            assert isinstance(child, LeafRun)
+            remap, state = child.definition.remap, child.state
+            visible = region.container.scope.visible()
+            inputs = tuple(remap.get(key, key) for key in state.input_keys)
+            outputs = tuple(remap.get(key, key) for key in state.output_keys)
+        declared = dict.fromkeys((*inputs, *outputs)) or visible
+        return {key: visible[key] for key in declared if key in visible}, [key for key in inputs if key not in visible]
+
     @property
     def held_back(self) -> list[HeldBack]:
         """What is not left since something is locked, outermost first."""

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a decision is about, as a message: the values that an operator has to see, within bounds for a slow link."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from flexbt_core.values import counted, sendable, shown
+from flexbt_msgs.msg import BlackboardEntry, DecisionSubject
+
+from .entries import Encoding, to_entry
+from .limits import length_of
+from .pose_lists import fewer_poses
+
+MOST_KEYS: Final = 20
+"""Values of one decision that are shown; the others are named."""
+
+MOST_POSES: Final = 500
+"""Poses of a path: as many as a map on a screen has room for."""
+
+MOST_BYTES: Final = 64_000
+"""Of a path, or another list of poses."""
+
+MOST_CHARACTERS: Final = 2_000
+"""Of any other value as text."""
+
+_MOST_PARTS: Final = 20_000
+"""Elements and characters of a value that are looked at, so that a large one does not hold up the run."""
+
+
+def subject_message(id: str, number: int, values: Mapping[str, Any], missing: Sequence[str] = ()) -> DecisionSubject:
+    """Make the message; ``missing`` are the keys that should have a value. Messages of ROS come first."""
+    ranked = sorted(values, key=lambda key: (_poses(values[key]) is None, not _is_message(values[key]), key))
+    subject = DecisionSubject(id=id, number=number)
+    for key in ranked[:MOST_KEYS]:
+        entry, note = _entry(key, values[key])
+        subject.entries.append(entry)
+        subject.notes += [note] if note else []
+    if left_out := ranked[MOST_KEYS:]:
+        names = sendable(', '.join(left_out), MOST_CHARACTERS // 4)
+        subject.notes.append(f'{counted(len(left_out), "value")} not shown: {names}')
+    subject.notes += [f'{sendable(key)} has no value' for key in missing[:MOST_KEYS]]
+    return subject
+
+
+def subject_fields(subject: DecisionSubject | None) -> dict[str, Any]:
+    """Return the fields of a pending decision by which its subject is found."""
+    if subject is None:
+        return {}
+    return {'subject': [entry.key for entry in subject.entries], 'subject_number': subject.number}
+
+
+def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
+    """An entry for a value, and what of it is not shown."""
+    poses = _poses(value)
+    try:
+        if poses is not None:
+            entry = to_entry(key, fewer_poses(value, MOST_POSES), None, Encoding.BINARY)
+            if len(entry.data) <= MOST_BYTES:
+                note = f'{sendable(key)}: {MOST_POSES} of {len(poses)} poses' if len(poses) > MOST_POSES else ''
+                return entry, note
+        elif _parts(value, _MOST_PARTS) >= 0:
+            entry = to_entry(key, value, None, Encoding.TEXT)
+            if len(entry.text) <= MOST_CHARACTERS:
+                return entry, ''
+    except Exception:  # it has no type of ROS, or its own code raises
+        return BlackboardEntry(key=key, text=shown(value)), ''
+    return BlackboardEntry(key=key, text=shown(value)), f'{sendable(key)} is too large to be shown'
+
+
+def _poses(value: Any) -> Sequence[Any] | None:
+    """The poses of a path or a list of poses; None for another value, and for one without poses."""
+    poses = getattr(value, 'poses', value)
+    is_list = isinstance(poses, list) and len(poses) > 0 and _is_message(poses[0])
+    return poses if is_list and (hasattr(poses[0], 'pose') or hasattr(poses[0], 'position')) else None
+
+
+def _is_message(value: Any) -> bool:
+    return hasattr(type(value), 'get_fields_and_field_types')
+
+
+def _parts(value: Any, room: int) -> int:
+    """How much of ``room`` is left by a value; below 0 when it has more elements and characters."""
+    if _is_message(value):
+        return room - length_of(value)
+    if isinstance(value, str | bytes | bytearray) or hasattr(value, 'itemsize'):
+        return room - len(value) if hasattr(value, '__len__') else room
+    if isinstance(value, Mapping):
+        value = [*value.keys(), *value.values()] if len(value) <= room else value
+    if isinstance(value, list | tuple | set | frozenset | Mapping):
+        room -= len(value)
+        for element in value if room >= 0 else ():
+            if (room := _parts(element, room)) < 0:
+                break
+    return room
