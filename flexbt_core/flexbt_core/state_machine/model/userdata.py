@@ -94,6 +94,11 @@ class Scope:
         """Keys and values of this scope itself."""
         return dict(self._data)
 
+    def visible(self) -> dict[str, Any]:
+        """Keys and values of this scope, and of its inputs, whoever has written them."""
+        inputs = {key: self.get(key) for key in self._inputs if key in self}
+        return {**inputs, **self._data}
+
     def restore(self, values: Mapping[str, Any]) -> None:
         """Take over values that a scope of this machine had, without writing them anywhere else."""
         self._data.update(values)
