@@ -307,3 +307,70 @@ def test_a_running_behavior_is_switched_to_another_and_keeps_its_active_state(
     going.behavior_run.force('/Hold', 'done', '', answers.append)
     assert going.wait() == 'finished'
     assert [text for _, _, text in going.lines if text in ('holding', 'first', 'second')] == ['holding', 'second']
+
+
+OF_CODE = """
+from flexbe_core import Autonomy, Behavior, OperatableStateMachine
+from flexbe_states.log_state import LogState
+
+
+class RoundsBase(Behavior):
+    greeting = 'Hello'
+
+    def __init__(self, node):
+        super().__init__()
+        self.add_parameter('rounds', 2)
+        self.extra = 0.5
+
+
+class RoundsSM(RoundsBase):
+    def __init__(self, node):
+        super().__init__(node)
+        self.name = 'Rounds'
+        self.add_parameter('is_loud', False)
+        self.add_parameter('places', dict())
+        for name in ('left', 'right'):
+            self.add_parameter(name, 1)
+
+    def create(self):
+        machine = OperatableStateMachine(outcomes=['finished'])
+        values = [self.rounds, self.is_loud, self.places, self.left, self.right, self.greeting, self.extra]
+        with machine:
+            OperatableStateMachine.add('Say', LogState(text=str(values)), {'done': 'finished'}, {'done': Autonomy.Off})
+        return machine
+"""
+
+
+@pytest.fixture
+def rounds(package: Installed) -> BehaviorEntry:
+    """A behavior most of whose parameters are in its code only."""
+    (package.prefix / 'python' / package.name / 'rounds_sm.py').write_text(OF_CODE)
+    params = '<parameter name="rounds" type="numeric" default="3" label="Rounds"/>'
+    package.add(rounds=manifest(package.name, 'Rounds', 'rounds_sm', 'RoundsSM', params))
+    return package.entries()['Rounds']
+
+
+def test_parameters_of_the_code_are_offered_and_have_their_types(rounds: BehaviorEntry, bench: StateBench) -> None:
+    offered = [(one.name, one.type, one.default_value) for one in rounds.to_message().parameters]
+    assert offered == [('rounds', 'float', '3.0'), ('is_loud', 'bool', 'false'), ('places', 'string', '')]
+    assert run(bench, rounds) == ["[3, False, {}, 1, 1, 'Hello', 0.5]"]
+    words = [('is_loud', 'true'), ('places', '{home: 1}'), ('left', '7'), ('/right', '8'), ('greeting', 'Hi')]
+    assert run(bench, rounds, *words, ('extra', '2')) == ["[3, True, {'home': 1}, 7, 8, 'Hi', 2.0]"]
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'words'),
+    [
+        ('lefd', '1', "its code has no parameter 'lefd'; did you mean 'left'?"),
+        ('left', 'many', "parameter 'left': 'many' is not a value of type int"),
+        ('create', 'x', "no parameter 'create'"),
+        ('contains', 'x', "no parameter 'contains'"),
+        ('_state_machine', 'x', "no parameter '_state_machine'"),
+    ],
+)
+def test_what_is_no_parameter_of_the_code_is_refused(
+    rounds: BehaviorEntry, bench: StateBench, name: str, text: str, words: str
+) -> None:
+    going = bench.run_behavior(rounds, (name, text))
+    wait_until(lambda: going.refusal, 'refused')
+    assert words in str(going.refusal)

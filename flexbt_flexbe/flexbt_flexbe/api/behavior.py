@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from flexbt_core.state_machine import DefaultUserData, OperatableStateMachine
 from flexbt_flexbe.errors import FlexbeManifestError
 
 from .parameter_values import converted
+
+_OWN: Final = ('name', 'beh_id', 'contains')
+"""Attributes of every behavior that are not for the operator."""
+
+_NO_VALUES: Final = (property, staticmethod, classmethod)
 
 
 class Behavior:
@@ -79,7 +85,7 @@ class Behavior:
         return found
 
     def set_parameter(self, name: str, value: Any) -> bool:
-        """Give a parameter a value, converted to its type.
+        """Give a parameter a value, converted to its type. As in FlexBE, each attribute with a value is one.
 
         A bare name means the parameter of this behavior and of all embedded ones that have it; a path in front of it,
         as in ``/Inner/speed``, those of that behavior and of what it embeds. Whether there was any.
@@ -93,11 +99,20 @@ class Behavior:
         meant = {
             own: behavior
             for own, behavior in behaviors.items()
-            if (own == path or own.startswith(f'{path}/')) and key in vars(behavior)
+            if (own == path or own.startswith(f'{path}/')) and behavior.has_parameter(key)
         }
         for own, behavior in meant.items():
             setattr(behavior, key, converted(f'{own}/{key}' if own else key, value, getattr(behavior, key)))
         return bool(meant)
+
+    def parameter_names(self) -> list[str]:
+        """The names of the attributes that can be set as parameters."""
+        return [name for name in dir(self) if self.has_parameter(name)]
+
+    def has_parameter(self, name: str) -> bool:
+        """Whether the behavior itself has a parameter of this name."""
+        value = inspect.getattr_static(self, name, property())
+        return not (name.startswith('_') or name in _OWN or callable(value) or isinstance(value, _NO_VALUES))
 
     def set_own_parameter(self, name: str, value: Any) -> None:
         """Give a parameter of this behavior, and of none that it embeds, a value that is converted to its type.

@@ -19,6 +19,7 @@ from flexbt_flexbe import shim
 from flexbt_flexbe.errors import FlexbeManifestError
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorManifest, described
 
+from .code_parameters import code_parameters
 from .hosted_behavior import HostedBehavior, load_class
 from .manifest import FlexbeManifest, read_manifest
 
@@ -61,7 +62,8 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
     parameters = tuple(parameter.declared for parameter in source.parameters)
     try:
         shim.install()
-        load_class(source)
+        known = {parameter.name for parameter in parameters}
+        parameters += tuple(one for one in code_parameters(load_class(source)) if one.name not in known)
     except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
         reason = described(error) + _remedy(error)
         return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_core.state_machine import OperatableStateMachine, Severity
-from flexbt_core.values import shown
+from flexbt_core.values import hint, shown
 from flexbt_flexbe.api import YAML_PREFIX, from_yaml_file, is_yaml_file
 from flexbt_flexbe.api import Behavior as FlexbeBehavior
 from flexbt_flexbe.errors import FlexbeManifestError
@@ -38,8 +38,10 @@ class HostedBehavior(Behavior):
     def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
         """Give parameters the values that an operator wrote: all of them, or none.
 
+        A name that the manifest does not have may be one of the code, which is asked by :meth:`create`.
+
         Raises:
-            ParameterError: a name that is not declared or given twice, or a text that is no value of the type.
+            ParameterError: a name that is given twice, or a text that is no value of the type.
         """
         given: dict[str, Any] = {}
         for argument, text in arguments:
@@ -60,25 +62,24 @@ class HostedBehavior(Behavior):
         run = current_run()
         behavior = load_class(self._source)(run.services.runtime.node)
         for parameter in self._source.parameters:
-            if parameter.name in vars(behavior) and parameter.name not in self._given:
+            if behavior.has_parameter(parameter.name) and parameter.name not in self._given:
                 default = _content(parameter, parameter.declared.default)
                 if default != '' or isinstance(getattr(behavior, parameter.name), str):
                     behavior.set_own_parameter(parameter.name, default)
         for name, value in self._given.items():
             if not behavior.set_parameter(name, value):
-                raise ParameterError(
-                    f'behavior {self.name!r}: its code has no parameter {name!r}{_embedded_hint(behavior, name)}'
-                )
+                why = _embedded_hint(behavior, name) or hint(name, behavior.parameter_names())
+                raise ParameterError(f'behavior {self.name!r}: its code has no parameter {name!r}{why}')
         machine = behavior.create()
         if isinstance(machine, OperatableStateMachine):  # otherwise the run says that it is none
             without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
         return machine
 
     def _value(self, name: str, text: str) -> Any:
-        if _SLASH in name:
-            return text  # of an embedded behavior: its own code says the type
-        declared = self._parameter(name).from_text(text)
-        parameter = next(one for one in self._source.parameters if one.name == name)
+        parameter = next((one for one in self._source.parameters if one.name == name), None)
+        if parameter is None:
+            return text  # of the code, or of an embedded behavior: that says the type
+        declared = parameter.declared.from_text(text)
         if isinstance(declared, float):
             _check_limits(parameter, declared)
         return _content(parameter, declared)

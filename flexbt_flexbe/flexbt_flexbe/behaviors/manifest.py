@@ -7,10 +7,14 @@ import xml.etree.ElementTree as ElementTree  # of files of installed packages
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import Final
 
 from flexbt_flexbe.errors import FlexbeManifestError
 from flexbt_onboard.behaviors import BehaviorManifest, BehaviorParameter, ParameterValue
 from flexbt_onboard.errors import OnboardError
+
+_PARAMETERS: Final = ('params/param', 'params/parameter', 'param', 'parameter')
+"""Where manifests have their parameters. FlexBE's editor writes the first; FlexBE's engine does not read them."""
 
 
 class ParameterKind(Enum):
@@ -75,7 +79,8 @@ def _read(file: Path, root: ElementTree.Element) -> FlexbeManifest:
             f'{file}: <executable> needs package_path="package.module" and class="Name", '
             f'not package_path={module!r} class={class_name!r}'
         )
-    parameters = tuple(_parameter(file, element) for element in root.iterfind('params/param'))
+    elements = (element for path in _PARAMETERS for element in root.iterfind(path))
+    parameters = tuple(_parameter(file, element) for element in elements)
     manifest = BehaviorManifest(
         # A name with a slash would be taken for package/name.
         name.replace('/', '-'),
@@ -90,7 +95,7 @@ def _read(file: Path, root: ElementTree.Element) -> FlexbeManifest:
 def _parameter(file: Path, element: ElementTree.Element) -> FlexbeParameter:
     name, text = element.get('name') or '', element.get('default') or ''
     try:
-        kind = ParameterKind(element.get('type') or '')
+        kind = ParameterKind(element.get('type') or 'text')
     except ValueError:
         kinds = ', '.join(kind.value for kind in ParameterKind)
         raise FlexbeManifestError(f'{file}: parameter {name!r} has type {element.get("type")!r}, not {kinds}') from None
