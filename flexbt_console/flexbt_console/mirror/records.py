@@ -152,7 +152,11 @@ class ActiveState:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Something that waits for the operator."""
+    """Something that waits for the operator.
+
+    ``subject`` are the keys of what it is about; the :class:`Subject` of that number has their values, if the number is
+    not 0.
+    """
 
     id: str
     kind: DecisionKind
@@ -164,6 +168,8 @@ class Decision:
     input_type: str = ''
     input_choices: tuple[str, ...] = ()
     since: float = 0.0
+    subject: tuple[str, ...] = ()
+    subject_number: int = 0
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -182,6 +188,35 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
+class SubjectValue:
+    """One of the values that a decision is about: as text, and as the points of a path or as a pose if it is one."""
+
+    key: str
+    type: str = ''
+    text: str = ''
+    points: tuple[tuple[float, float], ...] = ()
+    pose: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What a decision is about; ``notes`` say what of it is not shown."""
+
+    decision_id: str
+    number: int
+    values: tuple[SubjectValue, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Subjects:
+    """What the decisions of one executive are about."""
+
+    executive_id: str
+    subjects: tuple[Subject, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class CommandResult:
     """What the executive says of one command."""
 
@@ -192,7 +227,10 @@ class CommandResult:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A node that the executive depends on; ``age`` is how long nothing was heard of it, in seconds of wall time."""
+    """A node that the executive depends on; ``age`` is how long nothing was heard of it, in seconds of wall time.
+
+    One that is not ``expected`` was never seen, and nobody has said that it has to be there.
+    """
 
     name: str
     alive: bool
@@ -201,6 +239,7 @@ class Peer:
     late: bool = False
     age: float = 0.0
     problem: str = ''
+    expected: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +271,7 @@ class Snapshot:
     results: tuple[CommandResult, ...] = ()
     peers: tuple[Peer, ...] = ()
     robot_pose: Pose | None = None
+    pose_problem: str = ''
     locked: tuple[str, ...] = ()
     breakpoints: tuple[str, ...] = ()
     autonomy_levels: tuple[tuple[str, int], ...] = ()
@@ -241,8 +281,8 @@ class Snapshot:
 
     @property
     def missed_peers(self) -> tuple[Peer, ...]:
-        """The nodes that are missing, late, or not ready."""
-        return tuple(peer for peer in self.peers if not peer.alive or peer.late or not peer.ready)
+        """The expected nodes that are missing, and those that are late or not ready."""
+        return tuple(peer for peer in self.peers if peer.expected and not (peer.alive and peer.ready and not peer.late))
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +320,20 @@ class BehaviorParameter:
     default: str = ''
     choices: tuple[str, ...] = ()
     description: str = ''
+    label: str = ''
+    unit: str = ''
+    minimum: str = ''
+    maximum: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorInput:
+    """A userdata key that a behavior reads; ``type`` is as in BlackboardEntry, '' when it is not declared."""
+
+    key: str
+    type: str = ''
+    description: str = ''
+    needed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +346,7 @@ class Behavior:
     author: str = ''
     parameters: tuple[BehaviorParameter, ...] = ()
     error: str = ''
+    inputs: tuple[BehaviorInput, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,20 +375,6 @@ class EventKind(IntEnum):
 
     UNKNOWN = 0
     TRANSITION = 1
-    label: str = ''
-    unit: str = ''
-    minimum: str = ''
-    maximum: str = ''
-
-
-@dataclass(frozen=True, slots=True)
-class BehaviorInput:
-    """A userdata key that a behavior reads; ``type`` is as in BlackboardEntry, '' when it is not declared."""
-
-    key: str
-    type: str = ''
-    description: str = ''
-    needed: bool = False
     COMMAND = 2
 
 
@@ -346,7 +387,6 @@ class ExecutiveEvent:
 
     executive_id: str
     sequence: int
-    inputs: tuple[BehaviorInput, ...] = ()
     kind: EventKind
     path: str = ''
     outcome: str = ''
