@@ -4,6 +4,7 @@
 ConsoleError
 ├── UsageError      2  the command is not written as it has to be
 ├── RefusedError    3  the command had no effect: refused by the executive, or here before it was sent
+│   └── NotShownError  it answers a decision, and what that is about was not received
 ├── NoAnswerError   4  no answer in time; it is not known whether the command had an effect
 └── NoLinkError     5  no executive is heard
 """
@@ -42,6 +43,10 @@ class RefusedError(ConsoleError):
     """The command had no effect; the text says why."""
 
     exit_code = ExitCode.REFUSED
+
+
+class NotShownError(RefusedError):
+    """What a decision is about was not received, so it was not answered; an operator may insist."""
 
 
 class NoAnswerError(ConsoleError):

@@ -11,7 +11,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flexbt_console.errors import RefusedError
+from flexbt_console.errors import NotShownError, RefusedError
 from flexbt_console.mirror import (
     AutonomyLevel,
     Behavior,
@@ -127,12 +127,14 @@ class CommandBuilder:
         """
         return replace(self.command(view, kind), path=_known_path(view, path))
 
-    def confirm(self, view: View, decision_id: str = '') -> Command:
+    def confirm(self, view: View, decision_id: str = '', *, unseen: bool = False) -> Command:
         """Confirm a transition, or the suggestion of a choice. Without an identifier: of the only decision.
 
-        An identifier that is not pending here is sent all the same: the executive says what became of it.
+        An identifier that is not pending here is sent all the same: the executive says what became of it. ``unseen``:
+        also when what the decision is about has not arrived; so for the other answers.
 
         Raises:
+            NotShownError: what it is about has not arrived.
             RefusedError: nothing or too much is pending, or it cannot be confirmed.
         """
         decision = view.pending(decision_id) if decision_id else _only(view.decisions, 'decision')
@@ -143,29 +145,33 @@ class CommandBuilder:
                 raise RefusedError(
                     f'{decision.id} suggests no outcome; choose by "force OUTCOME": {", ".join(decision.outcomes)}'
                 )
+            _check_shown(view, decision, unseen)
             decision_id = decision.id
         return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision_id)
 
-    def choose(self, view: View, decision: Decision, outcome: str) -> Command:
+    def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> Command:
         """Answer a decision by one of its outcomes: confirm the one that is wanted, force another.
 
         Raises:
+            NotShownError: what it is about has not arrived.
             RefusedError: the decision has no such outcome.
         """
         if outcome not in decision.outcomes:
             raise RefusedError(
                 f'{decision.path} has no outcome {shown(outcome)}; choose one of {", ".join(decision.outcomes)}'
             )
+        _check_shown(view, decision, unseen)
         if outcome == decision.outcome:
             return replace(self.command(view, CommandKind.CONFIRM), decision_id=decision.id)
         return replace(
             self.command(view, CommandKind.FORCE), decision_id=decision.id, path=decision.path, outcome=outcome
         )
 
-    def force(self, view: View, path: str, outcome: str, decision_id: str = '') -> Command:
+    def force(self, view: View, path: str, outcome: str, decision_id: str = '', *, unseen: bool = False) -> Command:
         """Leave a state by an outcome. Without a path: the state that waits, or the only active one.
 
         Raises:
+            NotShownError: it overrides a decision, and what that is about has not arrived.
             RefusedError: which state is meant is not clear, it is not active, or has no such outcome.
         """
         if path:
@@ -183,15 +189,19 @@ class CommandBuilder:
             decision_id = next(
                 (d.id for d in view.decisions if d.path == path and d.kind is not DecisionKind.INPUT), ''
             )
+        if (decision := view.pending(decision_id)) is not None:
+            _check_shown(view, decision, unseen)
         return replace(self.command(view, CommandKind.FORCE), path=path, outcome=outcome, decision_id=decision_id)
 
-    def answer(self, view: View, decision_id: str, text: str) -> Command:
+    def answer(self, view: View, decision_id: str, text: str, *, unseen: bool = False) -> Command:
         """Answer an input request by a value; without an identifier, the only one.
 
         Raises:
+            NotShownError: what it is about has not arrived.
             RefusedError: no such request, or the text is no value of the wanted type.
         """
         decision = _input_request(view, decision_id)
+        _check_shown(view, decision, unseen)
         return replace(
             self.command(view, CommandKind.ANSWER),
             decision_id=decision.id,
@@ -218,6 +228,15 @@ class CommandBuilder:
             who = f'these ask for the authority: {", ".join(asking)}' if asking else 'nobody asks for the authority'
             raise RefusedError(f'name the operator who is meant; {who}')
         return replace(self.command(view, kind), grantee=operator or asking[0])
+
+
+def _check_shown(view: View, decision: Decision, unseen: bool) -> None:
+    lacking = view.lacks(decision)
+    if lacking and not unseen:
+        raise NotShownError(
+            f'{decision.path} asks about what was not received ({lacking}); nothing was sent. '
+            'Wait for it, or answer all the same with --unseen'
+        )
 
 
 def _describe(decision: Decision) -> str:

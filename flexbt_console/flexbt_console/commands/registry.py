@@ -26,7 +26,7 @@ from .operator_values import (
     retry_count,
     shell_name,
 )
-from .spec import DECISION, Argument, Ask, CommandLine, CommandSpec, LinkNeed, Mode, Option, Send, Show, seconds
+from .spec import DECISION, UNSEEN, Argument, Ask, CommandLine, CommandSpec, LinkNeed, Mode, Option, Send, Show, seconds
 
 # What has to have arrived
 
@@ -37,6 +37,18 @@ def _behaviors_known(view: View) -> bool:
 
 def _places_known(view: View) -> bool:
     return view.has_places
+
+
+def _subjects_known(view: View) -> bool:
+    return not any(view.lacks(decision) for decision in view.decisions)
+
+
+def _all_to_force_known(view: View) -> bool:
+    return _structure_known(view) and _subjects_known(view)
+
+
+def _all_to_answer_known(view: View) -> bool:
+    return _places_known(view) and _subjects_known(view)
 
 
 def _all_for_a_start_known(view: View) -> bool:
@@ -58,6 +70,7 @@ _REASON = Option('--reason', 'why, for the event log', 'TEXT')
 _DECISION = Option(
     DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=words.decisions
 )
+_UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a value) was not received')
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
 _IN_BROWSER = Option('--web', 'serve it to browsers on this computer (with --port), instead of this terminal')
 _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
@@ -95,6 +108,7 @@ COMMANDS: Final = (
         'show what runs, what waits for the operator, and how old that knowledge is',
         Show(showing.status),
         link=LinkNeed.HEARD,
+        has_arrived=_subjects_known,
     ),
     CommandSpec(
         'watch',
@@ -221,19 +235,20 @@ COMMANDS: Final = (
         'let the transition happen that waits for the operator',
         sending.CONFIRM,
         (Argument('ID', required=False, values=words.decisions),),
-        (_REASON,),
+        (_UNSEEN, _REASON),
         details=('Without ID: the only pending decision; when there are several, they are listed.',),
+        has_arrived=_subjects_known,
     ),
     CommandSpec(
         'force',
         "leave a state by an outcome of the operator's choice",
         sending.FORCE,
         (Argument('PATH', required=False, values=words.active_states), Argument('OUTCOME', values=words.outcomes)),
-        (_DECISION, _REASON),
+        (_DECISION, _UNSEEN, _REASON),
         details=(
             f'{_PATH_DETAILS} Without PATH: the state that waits for the operator, or else the only active state.',
         ),
-        has_arrived=_structure_known,
+        has_arrived=_all_to_force_known,
     ),
     CommandSpec(
         'input',
@@ -243,9 +258,9 @@ COMMANDS: Final = (
             Argument('ID', required=False, values=words.input_requests),
             Argument('VALUE', required=False, repeated=True, values=words.short_answers),
         ),
-        (_DECISION, Option('--decline', 'decline to answer'), _REASON),
+        (_DECISION, Option('--decline', 'decline to answer'), _UNSEEN, _REASON),
         details=('Without ID: the only pending input request.', *_VALUE_DETAILS),
-        has_arrived=_places_known,
+        has_arrived=_all_to_answer_known,
         check=sending.check_input,
     ),
     CommandSpec(

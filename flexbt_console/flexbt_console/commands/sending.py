@@ -11,7 +11,7 @@ from flexbt_console.mirror import NOTE_LENGTH, Command, CommandKind, DecisionKin
 
 from .command_builder import CommandBuilder
 from .operator_values import assignment, autonomy_level, start_input
-from .spec import DECISION, Answers, CommandLine, Send
+from .spec import DECISION, UNSEEN, Answers, CommandLine, Send
 
 
 def alone(kind: CommandKind) -> Send:
@@ -60,20 +60,20 @@ def _autonomy(line: CommandLine, view: View, make: CommandBuilder) -> Command:
 
 def _force(line: CommandLine, view: View, make: CommandBuilder) -> Command:
     path, outcome = line.words if len(line.words) == 2 else ('', line.words[0])
-    return make.force(view, path, outcome, line.value(DECISION))
+    return make.force(view, path, outcome, line.value(DECISION), unseen=line.has(UNSEEN))
 
 
 def _input(line: CommandLine, view: View, make: CommandBuilder) -> Command:
-    decision_id = line.value(DECISION)
+    decision_id, unseen = line.value(DECISION), line.has(UNSEEN)
     if line.has('--decline'):
         return make.decline(view, decision_id or line.first_word)
     if not decision_id and len(line.words) > 1:
         if view.pending(line.words[0]) is not None:
-            return make.answer(view, line.words[0], ' '.join(line.words[1:]))
+            return make.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
         if any(decision.wants_text for decision in view.decisions):
             # The first word might be meant as the name of a request that is gone: it must not become the answer.
             raise RefusedError('a text of several words is one word in quotes, or goes with --decision ID')
-    return make.answer(view, decision_id, line.text)
+    return make.answer(view, decision_id, line.text, unseen=unseen)
 
 
 def _names_decision(line: CommandLine, view: View) -> bool:
@@ -98,7 +98,7 @@ SWITCH: Final = Send(
 AUTONOMY: Final = Send((CommandKind.AUTONOMY,), _autonomy)
 CONFIRM: Final = Send(
     (CommandKind.CONFIRM,),
-    lambda line, view, make: make.confirm(view, line.value(DECISION) or line.first_word),
+    lambda line, view, make: make.confirm(view, line.value(DECISION) or line.first_word, unseen=line.has(UNSEEN)),
     Answers(_OUTCOMES, _names_decision),
 )
 FORCE: Final = Send((CommandKind.FORCE,), _force, Answers(_OUTCOMES, _names_state, also_alone=True))

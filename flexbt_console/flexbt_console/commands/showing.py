@@ -105,13 +105,14 @@ def map_of_robot(line: CommandLine, robot: AskedRobot, timeout: float, tell: Cal
     wants_scan = line.has('--scan')
 
     def has_arrived(view: View) -> bool:
-        around, snapshot = view.surroundings, view.snapshot
+        around, snapshot = view.drawn, view.snapshot
         drives = snapshot is not None and any(state.progress is not None for state in snapshot.active_states)
         wanted = (around.map, around.plan or not drives, around.scan or not wants_scan)
-        return view.has_places and all(wanted)
+        has_subject = view.decision is None or not view.lacks(view.decision)
+        return view.has_places and has_subject and all(wanted)
 
     view = robot.surroundings(has_arrived, min(timeout, SURROUNDINGS_SECONDS), SCAN_PERIOD if wants_scan else 0.0)
-    around, pose = view.surroundings, view.snapshot.robot_pose if view.snapshot else None
+    around, pose = view.drawn, view.snapshot.robot_pose if view.snapshot else None
     if around.map is None and pose is None:
         raise NoAnswerError('neither a map nor the pose of the robot has arrived')
     value = map_json(view)

@@ -301,6 +301,9 @@ class CommandSpec:
 DECISION: Final = '--decision'
 """The option by which a line names the decision that it answers."""
 
+UNSEEN: Final = '--unseen'
+"""The option by which a line answers a decision though what that is about has not arrived."""
+
 
 @dataclass(frozen=True, slots=True)
 class CommandLine:

@@ -14,6 +14,7 @@ from .messages import (
     places_record,
     snapshot_record,
     structure_record,
+    subjects_record,
 )
 from .operator_link import OperatorLink
 from .scan_link import MESSAGE_BYTES as SCAN_BYTES
@@ -39,4 +40,5 @@ __all__ = [
     'points_of',
     'snapshot_record',
     'structure_record',
+    'subjects_record',
 ]

@@ -8,15 +8,18 @@ from enum import IntEnum
 from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, PoseStamped
 
-from flexbt_common.values import seconds_of
+from flexbt_common.values import from_entry, seconds_of, value_to_text
 from flexbt_console import mirror as records
+from flexbt_core.errors import FlexbtError
 from flexbt_core.values import sendable
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,
     BehaviorStructure,
     BlackboardEntry,
+    DecisionSubjects,
     ExecutiveCommand,
     ExecutiveEvents,
     ExecutiveLog,
@@ -62,10 +65,20 @@ def snapshot_record(message: ExecutiveStatus) -> records.Snapshot:
             for result in message.results
         ),
         peers=tuple(
-            records.Peer(peer.name, peer.alive, seconds_of(peer.since), peer.ready, peer.late, peer.age, peer.problem)
+            records.Peer(
+                peer.name,
+                peer.alive,
+                seconds_of(peer.since),
+                peer.ready,
+                peer.late,
+                peer.age,
+                peer.problem,
+                peer.expected,
+            )
             for peer in message.peers
         ),
         robot_pose=_pose(message.robot_pose),
+        pose_problem=message.pose_problem,
         locked=tuple(message.locked),
         breakpoints=tuple(message.breakpoints),
         autonomy_levels=tuple((entry.path, int(entry.level)) for entry in message.autonomy_levels),
@@ -173,6 +186,38 @@ def event_records(message: ExecutiveEvents) -> list[records.ExecutiveEvent]:
     ]
 
 
+def subjects_record(message: DecisionSubjects) -> records.Subjects:
+    """The record of what decisions are about."""
+    return records.Subjects(
+        executive_id=message.executive_id,
+        subjects=tuple(
+            records.Subject(one.id, one.number, tuple(map(_subject_value, one.entries)), tuple(one.notes))
+            for one in message.subjects
+        ),
+    )
+
+
+def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
+    """A value with its points or its pose; one whose type is not installed here, or that is damaged, has only text."""
+    try:
+        value = from_entry(entry)
+    except FlexbtError as error:
+        return records.SubjectValue(entry.key, entry.type, entry.text or str(error))
+    poses = getattr(value, 'poses', value)
+    if isinstance(poses, list) and poses and (hasattr(poses[0], 'pose') or hasattr(poses[0], 'position')):
+        places = [getattr(one, 'pose', one).position for one in poses]
+        points = tuple((place.x, place.y) for place in places)
+        if all(is_length(x) and is_length(y) for x, y in points):
+            return records.SubjectValue(entry.key, entry.type, '', points)
+        return records.SubjectValue(entry.key, entry.type, 'it has a point that is nowhere')
+    pose = value
+    if isinstance(value, Pose):
+        pose = PoseStamped(pose=value)
+        pose.header.frame_id = 'map'
+    found = _pose(pose) if isinstance(pose, PoseStamped) else None
+    return records.SubjectValue(entry.key, entry.type, entry.text or value_to_text(value), pose=found)
+
+
 def command_message(record: records.Command, now: float) -> ExecutiveCommand:
     """The message of a command; ``now`` is the time of this computer in seconds."""
     return ExecutiveCommand(
@@ -212,6 +257,8 @@ def _decision(message: Any) -> records.Decision:
         input_type=message.input_type,
         input_choices=tuple(message.input_choices),
         since=seconds_of(message.since),
+        subject=tuple(message.subject),
+        subject_number=message.subject_number,
     )
 
 

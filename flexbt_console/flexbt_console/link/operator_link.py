@@ -49,6 +49,7 @@ from flexbt_core.values import one_line
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
+    DecisionSubjects,
     ExecutiveCommand,
     ExecutiveEvents,
     ExecutiveLog,
@@ -68,6 +69,7 @@ from .messages import (
     places_record,
     snapshot_record,
     structure_record,
+    subjects_record,
 )
 
 if TYPE_CHECKING:
@@ -311,6 +313,13 @@ class OperatorLink:
             ),
             (BehaviorList, names.EXECUTIVE_BEHAVIORS, behaviors_record, self._mirror.receive_behaviors, LIST_DEPTH),
             (PlaceList, names.PLACES, places_record, self._mirror.receive_places, LIST_DEPTH),
+            (
+                DecisionSubjects,
+                names.EXECUTIVE_SUBJECTS,
+                subjects_record,
+                self._mirror.receive_subjects,
+                LIST_DEPTH,
+            ),
             (ExecutiveEvents, names.EXECUTIVE_EVENTS, event_records, self._mirror.receive_events, names.EVENTS_DEPTH),
             (ExecutiveLog, names.EXECUTIVE_LOG, log_record, self._mirror.receive_log, names.LOG_DEPTH),
         ):

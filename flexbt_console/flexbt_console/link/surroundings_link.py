@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from rclpy.qos import QoSProfile
-
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
@@ -77,7 +75,7 @@ class SurroundingsLink:
             (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
             (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
             (OccupancyGrid, names.MAP, names.latched()),
-            (Path, names.PLAN, QoSProfile(depth=1)),
+            (Path, names.EXECUTIVE_PLAN, names.latched()),
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])
@@ -113,7 +111,7 @@ class SurroundingsFeed:
             names.TREE_STRUCTURE: self._on_structure,
             names.TREE_STATUS: self._on_status,
             names.MAP: self._on_map,
-            names.PLAN: self._on_plan,
+            names.EXECUTIVE_PLAN: self._on_plan,
         }
 
     def _on_structure(self, message: Any) -> None:

@@ -28,6 +28,8 @@ from .records import (
     Snapshot,
     StopGuard,
     Structure,
+    Subject,
+    Subjects,
 )
 from .standstill import StandstillWatch
 from .surroundings import GridMap, Points, Surroundings
@@ -51,6 +53,7 @@ class Change(Enum):
     STRUCTURE = 'structure'
     BEHAVIORS = 'behaviors'
     PLACES = 'places'
+    SUBJECTS = 'subjects'
     LOG = 'log'
     EVENTS = 'events'
     LINK = 'link'
@@ -107,6 +110,7 @@ class Mirror:
         self._newest: OrderedDict[str, int] = OrderedDict()
         self._structures: OrderedDict[str, Structure] = OrderedDict()
         self._behaviors: BehaviorList | None = None
+        self._subjects: Subjects | None = None
         self._log: NumberedList[LogLine] = NumberedList(LOG_LENGTH)
         self._events: NumberedList[ExecutiveEvent] = NumberedList(LOG_LENGTH)
         self._reasons: Mapping[str, LogLine] | None = None
@@ -183,6 +187,12 @@ class Mirror:
         with self._lock:
             self._places = places
         self._tell(Change.PLACES)
+
+    def receive_subjects(self, subjects: Subjects) -> None:
+        """Take what the decisions that wait are about."""
+        with self._lock:
+            self._subjects = subjects
+        self._tell(Change.SUBJECTS)
 
     def receive_log(self, line: LogLine) -> bool:
         """Take a line of the log; False for one that is there already or too old."""
@@ -293,7 +303,7 @@ class Mirror:
             self._surroundings = replace(self._surroundings, driven=())
             if not was_executive:
                 self._structures.clear()
-                self._behaviors = self._places = self._reasons = None
+                self._behaviors = self._places = self._reasons = self._subjects = None
                 self._log, self._events = NumberedList(LOG_LENGTH), NumberedList(LOG_LENGTH)
 
     def set_problem(self, problem: str) -> None:
@@ -363,6 +373,7 @@ class Mirror:
                 places={**self._own_places, **(self._places or {})},
                 has_places=self._places is not None,
                 trees=self._trees.runs(),
+                subjects=self._current_subjects(snapshot),
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
                 guard=self._guard,
@@ -409,6 +420,12 @@ class Mirror:
         if known is None or (snapshot is not None and snapshot.executive_id != known.executive_id):
             return None
         return known.behaviors
+
+    def _current_subjects(self, snapshot: Snapshot | None) -> Mapping[str, Subject]:
+        known = self._subjects
+        if known is None or snapshot is None or snapshot.executive_id != known.executive_id:
+            return {}
+        return {subject.decision_id: subject for subject in known.subjects}
 
     def _current_reasons(self, snapshot: Snapshot) -> Mapping[str, LogLine]:
         if self._reasons is None:

@@ -42,18 +42,19 @@ class GridMap:
 class Surroundings:
     """The newest of each, in the frame of the map; ``None`` or empty while it is not known.
 
-    ``scan`` is what the lidar meets.
+    ``scan`` is what the lidar meets; ``at`` the goal where it is known by itself.
     """
 
     map: GridMap | None = None
     plan: Points = ()
     driven: Points = ()
     scan: Points = ()
+    at: tuple[float, float] | None = None
 
     @property
     def goal(self) -> tuple[float, float] | None:
-        """The end of the plan."""
-        return self.plan[-1] if self.plan else None
+        """The goal, or else the end of the plan."""
+        return self.at or (self.plan[-1] if self.plan else None)
 
     @property
     def plan_length(self) -> float:

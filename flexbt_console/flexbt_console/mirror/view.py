@@ -19,6 +19,7 @@ from .records import (
     StateStructure,
     StopGuard,
     Structure,
+    Subject,
 )
 from .standstill import UnwantedMotion
 from .surroundings import Surroundings
@@ -35,6 +36,7 @@ class View:
     which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
     ``trees`` are those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody
     asked for them.
+    ``subjects`` is what decisions are about, by their identifiers, as it has arrived: see :meth:`subject`.
     ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard says.
     """
 
@@ -49,6 +51,7 @@ class View:
     places: Mapping[str, Pose] = field(default_factory=dict)
     has_places: bool = False
     trees: tuple[TreeRun, ...] = ()
+    subjects: Mapping[str, Subject] = field(default_factory=dict)
     surroundings: Surroundings = field(default_factory=Surroundings)
     unwanted_motion: UnwantedMotion | None = None
     guard: StopGuard = field(default_factory=StopGuard)
@@ -90,6 +93,40 @@ class View:
     def pending(self, decision_id: str) -> Decision | None:
         """The pending decision of that identifier."""
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
+
+    def subject(self, decision: Decision) -> Subject | None:
+        """What a decision is about; None while that has not arrived, and when it is about nothing."""
+        found = self.subjects.get(decision.id)
+        return found if found is not None and found.number == decision.subject_number else None
+
+    def lacks(self, decision: Decision) -> str:
+        """Name what a decision is about if that has not arrived; '' when it is here, or there is nothing to show."""
+        if not decision.subject_number or self.subject(decision) is not None:
+            return ''
+        return ', '.join(decision.subject) or 'what it is about'
+
+    @property
+    def drawn(self) -> Surroundings:
+        """What is around the robot as it is to be drawn while the first decision waits: see :meth:`drawn_for`."""
+        return self.drawn_for(self.decision)
+
+    def drawn_for(self, decision: Decision | None) -> Surroundings:
+        """What is around the robot, with the path and the goal that a decision is about in the place of the plan.
+
+        While they have not arrived, no plan is drawn: it could be taken for the one that is asked about.
+        """
+        around = self.surroundings
+        if decision is None or not decision.subject_number:
+            return around
+        subject = self.subject(decision)
+        if subject is None:
+            return replace(around, plan=())
+        path = next((value.points for value in subject.values if value.points), ())
+        poses = [value for value in subject.values if value.pose is not None]
+        goal = next((value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')), None)
+        if not path and goal is None:
+            return around
+        return replace(around, plan=path, at=None if goal is None else (goal.x, goal.y))
 
     def turned_to(self, decision_id: str) -> View:
         """The same picture with that decision before those that have waited longer, if it is pending."""

@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Final
 
 from flexbt_console.mirror import GridMap, Pose, Surroundings, View
+from flexbt_console.present import blind_text
 from flexbt_core.values import one_line
 
 from .cells import cut, in_cells, width
@@ -199,7 +200,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
     """The map of so many columns and rows, in lines; the last ones tell where the robot is, and what the signs mean."""
     signs, robot = glyphs(), view.snapshot.robot_pose if view.snapshot else None
     columns, rows = size[0], max(1, size[1] - 2)
-    _, cells = MapCanvas(signs).draw(view.surroundings, robot, view.places, None, columns, rows)
+    _, cells = MapCanvas(signs).draw(view.drawn, robot, view.places, None, columns, rows)
     legend = f'{signs.robot[0]} robot  {signs.goal} goal  {signs.place} place  {_MET} met by the lidar'
     drawn = [''.join(sign for sign, _ in row).rstrip() for row in cells]
     return [*drawn, *(cut(line, columns) for line in (where_text(view), legend))]
@@ -208,8 +209,12 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
 def where_text(view: View) -> str:
     """Where the robot is, and how long its plan is."""
     robot = view.snapshot.robot_pose if view.snapshot else None
-    where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else 'pose unknown'
-    return f'{where}  plan {view.surroundings.plan_length:.1f} m' if view.surroundings.plan else where
+    blind = blind_text(view.snapshot) if view.snapshot else ''
+    where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else blind or 'pose unknown'
+    if view.decision is not None and (lacking := view.lacks(view.decision)):
+        return f'{one_line(lacking)} NOT RECEIVED  {where}'
+    plan = f'plan {view.drawn.plan_length:.1f} m' if view.drawn.plan else ''
+    return '  '.join(filter(None, (where, plan, blind if robot is not None else '')))
 
 
 def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:

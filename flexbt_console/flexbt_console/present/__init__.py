@@ -21,6 +21,7 @@ from .rendering import (
     autonomy_text,
     behavior_line,
     behaviors_lines,
+    blind_text,
     choice_line,
     command_result_lines,
     decision_line,
@@ -39,9 +40,11 @@ from .rendering import (
     stamp_text,
     status_lines,
     structure_lines,
+    subject_lines,
     synthesis_lines,
     userdata_lines,
     what_runs,
+    where_lines,
 )
 from .tone import Line, Tone, coloured, has_colours, tone_of
 
@@ -59,6 +62,7 @@ __all__ = [
     'autonomy_text',
     'behavior_line',
     'behaviors_lines',
+    'blind_text',
     'choice_line',
     'coloured',
     'command_result_lines',
@@ -86,9 +90,11 @@ __all__ = [
     'status_lines',
     'structure_json',
     'structure_lines',
+    'subject_lines',
     'synthesis_lines',
     'tone_of',
     'tree_json',
     'userdata_lines',
     'what_runs',
+    'where_lines',
 ]

@@ -156,7 +156,7 @@ def _changes(before: View | None, view: View) -> list[str]:
     text += [f'no longer waiting: {one_line(id)}' for id in sorted(settled)]
     alive = {peer.name: peer.alive for peer in old.peers} if old else {}
     for peer in new.peers:
-        if alive.get(peer.name, True) != peer.alive:
+        if peer.expected and alive.get(peer.name, True) != peer.alive:
             again = Line(f'node {one_line(peer.name)} is there again', Tone.GOOD)
             text.append(again if peer.alive else Line(f'node {peer_line(peer)}', Tone.ERROR))
     return text

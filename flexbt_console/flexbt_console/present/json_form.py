@@ -80,12 +80,13 @@ def tree_json(run: TreeRun, failures: Sequence[Sequence[TreeNode]]) -> dict[str,
 
 def map_json(view: View) -> dict[str, Any]:
     """What is around the robot, m. The cells of the map are no part of it."""
-    around = view.surroundings
+    around = view.drawn
     names = ('width', 'height', 'resolution', 'x', 'y')
     return {
         'map': {name: getattr(around.map, name) for name in names} if around.map is not None else None,
         'robot': view.snapshot.robot_pose if view.snapshot else None,
         'goal': around.goal,
+        'lacks': view.lacks(view.decision) if view.decision is not None else '',
         'plan': around.plan,
         'scan': around.scan,
         'places': view.places,

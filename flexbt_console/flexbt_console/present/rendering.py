@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 from flexbt_console.mirror import (
@@ -31,6 +32,7 @@ from flexbt_console.mirror import (
     Snapshot,
     StateKind,
     Structure,
+    SubjectValue,
     Synthesis,
     TrackedCommand,
     Urgency,
@@ -43,6 +45,9 @@ from .tone import Line, Tone, tone_of
 
 LABEL_LENGTH: Final = 40
 """How many characters are shown of what a command is called."""
+
+SUBJECT_LENGTH: Final = 60
+"""How many characters are shown of a value that a decision is about."""
 
 VALUE_LENGTH: Final = 200
 """How many characters of a value of userdata are shown."""
@@ -101,6 +106,19 @@ def autonomy_text(level: int) -> str:
         return f'{level} (unknown)'
 
 
+def where_lines(snapshot: Snapshot) -> list[str]:
+    """Where the robot is, and why that is not known: then nobody watches whether it moves."""
+    pose, blind = snapshot.robot_pose, blind_text(snapshot)
+    known = [pose_text(pose)] if pose is not None or not blind else []
+    return [*known, *([Line(blind, Tone.WARNING)] if blind else [])]
+
+
+def blind_text(snapshot: Snapshot) -> str:
+    """That the pose is not known, or old, and what that means; '' when it is known."""
+    what = 'pose old' if snapshot.robot_pose is not None else 'pose unknown'
+    return f'{what}: {one_line(snapshot.pose_problem)}; motion is not watched' if snapshot.pose_problem else ''
+
+
 def pose_text(value: Pose | None) -> str:
     """A pose in metres and radians."""
     if value is None:
@@ -111,13 +129,15 @@ def pose_text(value: Pose | None) -> str:
 def peer_line(peer: Peer) -> str:
     """A node that the executive depends on; in capitals when it is not there, and what is wrong with it."""
     word, tone = 'ok', Tone.PLAIN
-    if not peer.alive:
+    if not peer.expected:
+        word, tone = 'not seen', Tone.DIM
+    elif not peer.alive:
         word, tone = 'MISSING', Tone.ERROR
     elif peer.late:
         word, tone = f'late {age_text(peer.age)}', Tone.WARNING
     elif not peer.ready:
         word, tone = 'not ready', Tone.WARNING
-    problem = f': {one_line(peer.problem)}' if peer.problem and tone is not Tone.PLAIN else ''
+    problem = f': {one_line(peer.problem)}' if peer.problem and tone not in (Tone.PLAIN, Tone.DIM) else ''
     return Line(f'{one_line(peer.name)} {word}{problem}', tone)
 
 
@@ -202,6 +222,27 @@ def reason_lines(pending: Decision, view: View) -> list[str]:
     return [Line(f'{word} {first}', tone_of(first)), *more]
 
 
+def subject_lines(pending: Decision, view: View) -> list[str]:
+    """What a pending decision is about, or that it was not received; and what of it is not shown."""
+    if lacking := view.lacks(pending):
+        return [Line(f'{one_line(lacking)} NOT RECEIVED: what you are asked about is not shown', Tone.ERROR)]
+    subject = view.subject(pending)
+    if subject is None:
+        return []
+    texts = [f'{one_line(value.key)}: {_subject_text(value, view)}' for value in subject.values]
+    about = [f'about {"; ".join(texts)}'] if texts else []
+    return [*about, *(Line(one_line(note), Tone.WARNING) for note in subject.notes)]
+
+
+def _subject_text(value: SubjectValue, view: View) -> str:
+    if value.points:
+        length = sum(math.dist(a, b) for a, b in pairwise(value.points))
+        return f'{length:.1f} m to {place_text(Pose(*value.points[-1]), view.places)}'
+    if value.pose is not None:
+        return place_text(value.pose, view.places)
+    return one_line(value.text, SUBJECT_LENGTH)
+
+
 def choice_line(pending: Decision) -> str:
     """What may be chosen, numbered; the outcome that is wanted is marked."""
     return '  '.join(
@@ -235,10 +276,11 @@ def status_lines(view: View) -> list[str]:
         shown += [f'            {line}' for line in not_paused_lines(state)]
     for pending in snapshot.decisions:
         shown.append(_labelled('waiting', Line(decision_line(pending, snapshot), Tone.DECISION)))
-        shown += [Line(f'  {line}', tone_of(line)) for line in reason_lines(pending, view)]
+        told = (*subject_lines(pending, view), *reason_lines(pending, view))
+        shown += [Line(f'  {line}', tone_of(line)) for line in told]
         if pending.choices:
             shown.append(f'            {choice_line(pending)}')
-    shown.append(f'robot     {pose_text(snapshot.robot_pose)}')
+    shown += [_labelled('robot', line) for line in where_lines(snapshot)]
     missed = snapshot.missed_peers
     well = [peer_line(peer) for peer in snapshot.peers if peer not in missed]
     if well:

@@ -28,6 +28,7 @@ from flexbt_console.link import (
     points_of,
     snapshot_record,
     structure_record,
+    subjects_record,
 )
 from flexbt_console.mirror import Mirror, Transit
 from flexbt_core.clock import ManualClock
@@ -189,6 +190,8 @@ def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[An
         names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(behaviors_record(message)),
         names.EXECUTIVE_LOG: lambda message: mirror.receive_log(log_record(message)),
         names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(event_records(message)),
+        names.EXECUTIVE_SUBJECTS: lambda message: mirror.receive_subjects(subjects_record(message)),
+        names.STOP_GUARD_STATUS: lambda message: mirror.receive_guard(guard_record(message)),
         names.PLACES: lambda message: mirror.receive_places(places_record(message)),
         **feed.receivers,
     }

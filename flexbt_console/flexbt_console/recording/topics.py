@@ -32,6 +32,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.EXECUTIVE_STATUS: Topic('flexbt_msgs/msg/ExecutiveStatus', names.latched()),
     names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.latched()),
     names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.latched()),
+    names.EXECUTIVE_SUBJECTS: Topic('flexbt_msgs/msg/DecisionSubjects', names.latched()),
     names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.latched()),
     names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.latched(names.LOG_DEPTH)),
     names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.latched(names.EVENTS_DEPTH)),
@@ -44,6 +45,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
     names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.latched(100)),  # one message of each broadcaster
     names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.unacknowledged(1), SCAN_PERIOD, SCAN_BYTES),
+    names.EXECUTIVE_PLAN: Topic('nav_msgs/msg/Path', names.latched()),
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }

@@ -262,7 +262,7 @@ def test_the_name_of_a_place_at_the_edge_is_read() -> None:
         (names.TREE_STRUCTURE, TreeStructure(nodes=[TreeNode(uid=1, name='\N{SNOWMAN}' * 100_000)]), 'nodes[0].name'),
         (names.TREE_STATUS, TreeStatus(statuses=[0] * 200_000), 'statuses'),
         (names.MAP, OccupancyGrid(header=Header(frame_id='x' * 2_000)), 'frame_id'),
-        (names.PLAN, Path(poses=[PoseStamped()] * 30_000), 'poses'),
+        (names.EXECUTIVE_PLAN, Path(poses=[PoseStamped()] * 30_000), 'poses'),
     ],
 )
 def test_what_has_too_much_in_it_is_left_aside(topic: str, message: Any, field: str) -> None:

@@ -66,6 +66,7 @@ RENAMED: Final[dict[Any, dict[str, str]]] = {
     msg.ExecutiveEvent: {'operator_id': 'operator'},
     msg.ExecutiveEvents: {'first': 'sequence'},
     msg.TreeStructure: {'behavior_tree': 'tree', 'number': 'structure'},
+    msg.DecisionSubject: {'id': 'decision_id', 'entries': 'values'},
     msg.UserdataScope: {'entries': 'values'},
 }
 """Fields of messages by other names in the record."""
@@ -78,6 +79,8 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.BehaviorStructure: mirror.Structure,
     msg.BlackboardEntry: mirror.InputValue,
     msg.CommandResult: mirror.CommandResult,
+    msg.DecisionSubject: mirror.Subject,
+    msg.DecisionSubjects: mirror.Subjects,
     msg.ExecutiveCommand: mirror.Command,
     msg.ExecutiveEvent: mirror.ExecutiveEvent,
     msg.ExecutiveEvents: mirror.ExecutiveEvent,
@@ -289,7 +292,7 @@ def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None
     for sequence, pose in enumerate((_pose(number, 0.0), _pose(0.0, number)), 1):
         known.receive_snapshot(snapshot_record(msg.ExecutiveStatus(sequence=sequence, robot_pose=pose)))
         with pytest.raises(ValueError, match='nowhere'):
-            receive[names.PLAN](Path(poses=[_pose(0.0, 0.0), pose]))
+            receive[names.EXECUTIVE_PLAN](Path(poses=[_pose(0.0, 0.0), pose]))
         grid.info.origin = pose.pose
         with pytest.raises(ValueError, match='a map of'):
             receive[names.MAP](grid)

@@ -154,17 +154,20 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
     return choose(chosen, view, make, decision)
 
 
-def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision) -> Meaning:
+def choose(chosen: str, view: View, make: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:
     """The command by which a decision is answered: one of its choices, or the value that it asks for, as text.
 
+    ``unseen``: the operator was asked, and insists, although what the decision is about was not received.
+
     Raises:
+        NotShownError: what the decision is about was not received.
         UsageError: the value is not written as its type has to be.
         RefusedError: it cannot work now; nothing is sent.
     """
     _require_live(view)
     if decision.kind is DecisionKind.INPUT:
-        return Meaning(command=make.answer(view, decision.id, chosen), label=f'input {chosen}')
-    command = make.choose(view, decision, chosen)
+        return Meaning(command=make.answer(view, decision.id, chosen, unseen=unseen), label=f'input {chosen}')
+    command = make.choose(view, decision, chosen, unseen=unseen)
     verb = 'confirm' if command.kind is CommandKind.CONFIRM else 'force'
     return Meaning(command=command, label=f'{verb} {chosen}')
 

@@ -19,10 +19,11 @@ from flexbt_console.present import (
     link_word,
     not_paused_lines,
     peer_line,
-    pose_text,
     reason_lines,
+    subject_lines,
     tone_of,
     what_runs,
+    where_lines,
 )
 from flexbt_core.values import one_line
 
@@ -82,7 +83,7 @@ def _decision(view: View, width: int) -> list[str]:
     others = len(view.decisions) - 1
     more = f'  (+{others} more: status)' if others else ''
     lines = _folded(Line(f'? {decision_line(decision, snapshot)}{more}', Tone.DECISION), width)
-    reason = reason_lines(decision, view)[:1]
+    reason = [*subject_lines(decision, view), *reason_lines(decision, view)[:1]]
     lines += [part for line in reason for part in _folded(Line(f'  {line}', tone_of(line)), width, REASON_ROWS)]
     if decision.choices:
         lines += _folded(Line(f'  {choice_line(decision)}', Tone.DECISION), width)
@@ -104,7 +105,7 @@ def _rest(view: View, width: int, room: int) -> list[str]:
     states = snapshot.active_states[:MOST_STATES]
     more = len(snapshot.active_states) - len(states)
     below = [f'  … {more} more active states'] if more else []
-    below.append(f'robot  {pose_text(snapshot.robot_pose)}')
+    below += [Line(f'robot  {line}', tone_of(line)) for line in where_lines(snapshot)]
     left = room - len(above) - len(below)
     shown = [line for state in states for line in _state(state, width, max(1, left // len(states)))]
     tone = Tone.PLAIN if view.live else Tone.DIM

@@ -19,8 +19,8 @@ from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
 from flexbt_console.commands import CommandedRobot, CommandSpec, find, prompt_help
-from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import Behavior, Change, Command, Fleet, Mirror, RobotOverview, View
+from flexbt_console.errors import ConsoleError, NotShownError, RefusedError
+from flexbt_console.mirror import Behavior, Change, Command, Decision, Fleet, Mirror, RobotOverview, View
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
     CHANGED,
@@ -480,20 +480,40 @@ class OperatorScreen(OrderedApp):
         self.open(ChoiceList(title, entries), do)
 
     def _do_confirm(self, key: Key, view: View) -> None:
-        decision = view.decision
-        if self._panes.map.is_pointing:
-            text, decision = self._panes.map.answer(view)
-            if decision is None:
-                raise RefusedError('the decision is gone; nothing was sent')
-            self._carry_out(choose(text, view, self._station.make, decision), view)
-        elif self._panes.picking.picked(decision) or decision is None:
-            self._carry_out(self._panes.picking.confirm(view, self._station.make), view)
-        elif decision.wants_pose:
-            raise RefusedError('"g" points at it on the map; ":" types a place, or x y yaw')
-        elif decision.choices:
-            raise RefusedError('pick an answer by its number; Enter sends it')
-        else:
-            self._line.open('input ')
+        decision, answer = view.decision, ''
+        try:
+            if self._panes.map.is_pointing:
+                answer, decision = self._panes.map.answer(view)
+                if decision is None:
+                    raise RefusedError('the decision is gone; nothing was sent')
+                self._carry_out(choose(answer, view, self._station.make, decision), view)
+            elif (answer := self._panes.picking.picked(decision)) or decision is None:
+                self._carry_out(self._panes.picking.confirm(view, self._station.make), view)
+            elif decision.wants_pose:
+                raise RefusedError('"g" points at it on the map; ":" types a place, or x y yaw')
+            elif decision.choices:
+                raise RefusedError('pick an answer by its number; Enter sends it')
+            else:
+                self._line.open('input ')
+        except NotShownError as error:
+            assert decision is not None
+            self._warn(str(error))
+            self._ask_to_insist(answer, decision)
+
+    def _ask_to_insist(self, answer: str, asked: Decision) -> None:
+        """Ask whether a decision is to be answered although what it is about was not received."""
+
+        def chosen(number: int) -> None:
+            now = self._view()
+            if number == 1:
+                decision = Bound(asked.id).decision(now)
+                self._carry_out(choose(answer, now, self._station.make, decision, unseen=True), now)
+
+        entries = [
+            Entry('send nothing, and wait for it', ('wait',)),
+            Entry(f'answer {answer} without seeing it', (answer,)),
+        ]
+        self._choose('what you are asked about was not received', entries, chosen)
 
     def _do_point(self, key: Key, view: View) -> None:
         if not self._panes.map.point(view):

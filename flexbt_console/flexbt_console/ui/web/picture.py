@@ -23,8 +23,10 @@ from flexbt_console.present import (
     progress_text,
     reason_lines,
     robot_line,
+    subject_lines,
     tone_of,
     what_runs,
+    where_lines,
 )
 from flexbt_console.ui.interaction import KEYS
 from flexbt_core.values import one_line
@@ -56,6 +58,7 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'machine': _machine(view),
         'trees': [_tree(run) for run in view.running_trees],
         'pose': _pose(view),
+        'where': _where(view),
         'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
         'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
         'places': {name: [pose.x, pose.y] for name, pose in view.places.items()},
@@ -108,12 +111,16 @@ def _decision(decision: Decision, view: View) -> dict[str, Any]:
     assert view.snapshot is not None
     state = view.state(decision.path)
     leads = dict(zip(state.outcomes, state.targets, strict=False)) if state is not None else {}
+    around = view.drawn_for(decision)
+    drawn = {'plan': [[round(x, 3), round(y, 3)] for x, y in around.plan], 'goal': around.goal}
     return {
         'id': decision.id,
         'kind': decision.kind.name.lower(),
         'path': decision.path,
         'line': asked_text(decision, view.snapshot),
-        'reasons': reason_lines(decision, view),
+        'reasons': [*subject_lines(decision, view), *reason_lines(decision, view)],
+        'lacks': one_line(view.lacks(decision)),
+        'drawn': drawn if around is not view.surroundings else None,
         'wanted': decision.outcome,
         'choices': [
             {'value': value, 'text': one_line(value), 'leads': one_line(leads.get(value, ''))}
@@ -155,6 +162,10 @@ def _pose(view: View) -> dict[str, Any] | None:
     if pose is None:
         return None
     return {'x': pose.x, 'y': pose.y, 'yaw': pose.yaw, 'text': pose_text(pose)}
+
+
+def _where(view: View) -> str:
+    return '  '.join(where_lines(view.snapshot)) if view.snapshot else ''
 
 
 def _behaviors(view: View) -> list[dict[str, Any]]:

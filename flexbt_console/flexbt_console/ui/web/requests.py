@@ -93,7 +93,9 @@ def answered(message: dict[str, Any], station: PageStation, left: Future[None]) 
         return None
     if 'answer' in message:
         decision = Bound(decision_id).decision(view)
-        return _done(choose(_text(message, 'answer'), view, station.make, decision), view, station, left)
+        unseen = message.get('unseen') is True
+        meaning = choose(_text(message, 'answer'), view, station.make, decision, unseen=unseen)
+        return _done(meaning, view, station, left)
     if 'do' in message:
         meaning = interpret(_text(message, 'do'), view, station.make, Bound(decision_id))
         return _done(meaning, view, station, left)

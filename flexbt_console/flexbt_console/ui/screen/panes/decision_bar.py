@@ -12,7 +12,7 @@ from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, DecisionKind, StateStructure, View
 from flexbt_console.pictures import Glyphs, acting_lines, cut, cut_middle, fold, width
-from flexbt_console.present import Line, Tone, age_text, asked_text, reason_lines, tone_of
+from flexbt_console.present import Line, Tone, age_text, asked_text, reason_lines, subject_lines, tone_of
 from flexbt_console.ui.interaction import Bound, Meaning, ShownDecision, choose
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line
@@ -102,6 +102,7 @@ class Picking:
         """The command for what is picked.
 
         Raises:
+            NotShownError: what the decision is about was not received.
             RefusedError: nothing is picked, or the decision is another one than that on the screen.
         """
         decision = self._decision(view)
@@ -109,6 +110,7 @@ class Picking:
         if not answer:
             what = 'pick a choice by its number' if decision.choices else 'type the value, or point at it on the map'
             raise RefusedError(f'nothing is picked yet: {what}')
+        meaning = choose(answer, view, make, decision)
         self._pick = None
         return choose(answer, view, make, decision)
 
@@ -131,7 +133,8 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     tails = [f'{age}  (+{others} more{listed})' for listed in (': "a" lists them', ': a', '')] if others else [age]
     where = one_line(decision.path)
     head = f'{signs.waits} {cut_middle(where, columns // 2)}{asked_text(decision, snapshot).removeprefix(where)}'
-    reasons = [Line(f'  {line}', tone_of(line)) for line in reason_lines(decision, view)[:1]]
+    told_of = (*subject_lines(decision, view)[:1], *reason_lines(decision, view)[:1])
+    reasons = [Line(f'  {line}', tone_of(line)) for line in told_of]
     texts = choice_texts(decision, view.state(decision.path), signs)
     choices = _choice_rows(decision, texts, picked, columns)
     told = choices or [cut(_how_to_answer(decision, is_pointing=is_pointing), columns)]

@@ -40,7 +40,7 @@ class MapPane:
     @staticmethod
     def has_content(view: View) -> bool:
         """Whether there is anything to draw."""
-        around, robot = view.surroundings, view.snapshot.robot_pose if view.snapshot else None
+        around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
         return bool(around.map or around.plan or around.driven or robot or view.places)
 
     def point(self, view: View) -> bool:
@@ -93,7 +93,7 @@ class MapPane:
         room = rows - 1
         if columns < LEAST_COLUMNS or room < LEAST_ROWS:
             return Text('')
-        shown = view.surroundings, robot, view.places, self._cursor, columns, room
+        shown = view.drawn, robot, view.places, self._cursor, columns, room
         if self._drawn is None or self._drawn[0] != shown:
             self._frame, cells = self._canvas.draw(*shown)
             self._drawn = shown, drawn(cells)

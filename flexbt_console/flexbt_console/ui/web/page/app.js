@@ -36,6 +36,7 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
 let mapDecision = null;
 let dropping = false;
 const commands = new Commands({send, tell, bar, now: () => known});
+byId('waiting').addEventListener('change', () => drawPlan());
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
 // What the operator deals with, for the wait times of the report: from the first key or click while it is on the page.
 let touched;
@@ -71,6 +72,13 @@ function choose() {
   }
   map.setMode(mode);
   byId('drop').setAttribute('aria-pressed', String(dropping));
+}
+
+// What the decision on the page is about is drawn in the place of the plan; while it has not arrived, nothing is.
+function drawPlan() {
+  const {plan, goal} = bar.shown?.drawn ?? {plan: known.plan ?? [], goal: null};
+  map.set('plan', plan);
+  map.set('goal', goal ?? plan[plan.length - 1] ?? null);
 }
 
 function drawMachine() {
@@ -220,14 +228,15 @@ function takeParts(parts) {
   Object.assign(known, parts);
   if (parts.log) for (const line of parts.log) addLog(line.text, line.tone);
   if (parts.driven) map.set('driven', parts.driven);
-  for (const name of ['plan', 'places', 'obstacles', 'scan', 'others']) if (parts[name]) map.set(name, parts[name]);
+  for (const name of ['places', 'obstacles', 'scan', 'others']) if (parts[name]) map.set(name, parts[name]);
   if ('pose' in parts) {
     map.setPose(parts.pose);
   }
-  if ('pose' in parts || parts.active) {
-    byId('pose').textContent = [known.pose?.text ?? '', ...known.active.states.map((state) => state.progress)].filter(Boolean).join('   ');
+  if ('where' in parts || parts.active) {
+    byId('pose').textContent = [known.where ?? '', ...known.active.states.map((state) => state.progress)].filter(Boolean).join('   ');
   }
   bar.show(known.decisions, known.times.now ?? 0);
+  drawPlan();
   if (parts.machine !== undefined || parts.active || parts.decisions || parts.status) drawMachine();
   if (parts.trees) drawTrees();
   if (parts.robots) drawRobots();

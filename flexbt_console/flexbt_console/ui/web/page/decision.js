@@ -83,7 +83,8 @@ export class DecisionBar {
     this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {
-      for (const reason of decision.reasons) rows.push(element('p', {class: 'reason'}, reason));
+      for (const reason of decision.reasons) rows.push(element('p', {class: decision.lacks ? 'reason error' : 'reason'}, reason));
+      if (decision.lacks) rows.push(element('label', {}, element('input', {id: 'unseen', type: 'checkbox'}), ` answer without seeing ${decision.lacks}`));
       const choices = element('div', {class: 'choices', role: 'group', 'aria-label': 'answers'});
       decision.choices.forEach((choice, index) => {
         const wanted = choice.value === decision.wanted;
@@ -143,7 +144,16 @@ export class DecisionBar {
 
   hasty() { this.tell('this decision had just come up; nothing was sent. Look at it, and answer again', 'warning'); }
 
-  answer(text, id) { this.ask({answer: text, decision: id}); }
+  // What was not received cannot be judged: who answers all the same says so first.
+  answer(text, id) {
+    const unseen = this.body.querySelector('#unseen');
+    if (!unseen) this.ask({answer: text, decision: id});
+    else if (unseen.checked) this.ask({answer: text, decision: id, unseen: true});
+    else {
+      this.tell(`${this.shown.lacks} not received; nothing was sent. Wait for it, or tick "answer without seeing it"`, 'warning');
+      unseen.focus();
+    }
+  }
 
   ask(message) {
     if (this.isHasty()) this.hasty();

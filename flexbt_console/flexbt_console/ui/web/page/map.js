@@ -11,7 +11,7 @@ const MOST_TRACE = 4000;
 export class RobotMap {
   // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is; on.leave(): nothing is pointed at any more
   constructor(canvas, hint, on) {
-    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
+    Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], goal: null, driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
     this.mode = '';          // '', 'pose' or 'obstacle'
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
@@ -159,8 +159,8 @@ export class RobotMap {
       const [x, y] = at(point);
       context.fillRect(x - 1.5, y - 1.5, 3, 3);
     }
-    if (this.plan.length) {
-      const [x, y] = at(this.plan[this.plan.length - 1]);
+    if (this.goal) {
+      const [x, y] = at(this.goal);
       context.strokeStyle = this.colour('--plan');
       context.lineWidth = 2;
       for (const radius of [4, 8]) { context.beginPath(); context.arc(x, y, radius, 0, 7); context.stroke(); }

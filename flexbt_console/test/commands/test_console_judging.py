@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a person is asked to judge is shown, and no answer is sent to what is not: in every user interface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+
+from flexbt_common.values import subject_message
+from flexbt_console.commands import CommandBuilder, build, parse
+from flexbt_console.errors import NotShownError
+from flexbt_console.link import subjects_record
+from flexbt_console.mirror import (
+    CommandKind,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    Mirror,
+    Peer,
+    Pose,
+    Snapshot,
+    Subjects,
+    Transit,
+    View,
+)
+from flexbt_console.pictures import glyphs, map_lines, where_text
+from flexbt_console.present import map_json, status_lines
+from flexbt_console.ui.interaction import Bound, choose, interpret
+from flexbt_console.ui.prompt import toolbar
+from flexbt_console.ui.screen.panes.decision_bar import decision_lines
+from flexbt_console.ui.web.picture import parts_of
+from flexbt_core.clock import ManualClock
+from flexbt_msgs.msg import DecisionSubjects
+
+JUDGE = Decision(
+    'r-1', DecisionKind.CHOICE, '/JudgePath', 'done', ('done', 'canceled'), subject=('path', 'goal'), subject_number=2
+)
+VALUE = Decision('i-1', DecisionKind.INPUT, '/AskHow', input_type='string', subject=('picture',), subject_number=1)
+PLAN = ((0.0, 0.0), (9.0, 9.0))
+
+
+def pose_at(x: float, y: float) -> PoseStamped:
+    pose = PoseStamped()
+    pose.header.frame_id, pose.pose.position.x, pose.pose.position.y = 'map', x, y
+    return pose
+
+
+def subjects(number: int = 2, **values: Any) -> Subjects:
+    """What the decision is about, as it comes over the link."""
+    shown = values or {'path': Path(poses=[pose_at(0.0, 0.0), pose_at(3.0, 4.0)]), 'goal': pose_at(5.0, 4.0)}
+    message = DecisionSubjects(executive_id='e', subjects=[subject_message('r-1', number, shown)])
+    return subjects_record(message)
+
+
+@pytest.fixture
+def mirror() -> Mirror:
+    """Of a robot that drove along another path before."""
+    mirror = Mirror(ManualClock(), {'kitchen': Pose(3.0, 4.0)})
+    show(mirror, JUDGE)
+    mirror.receive_plan(PLAN)
+    return mirror
+
+
+def show(mirror: Mirror, *decisions: Decision, **more: Any) -> None:
+    before = mirror.view().snapshot
+    snapshot = Snapshot(
+        'e', before.sequence + 1 if before else 1, state=ExecutiveState.RUNNING, run_id='r', decisions=decisions
+    )
+    mirror.receive_snapshot(replace(snapshot, **more), Transit(0.0, 0.0))
+
+
+def told_everywhere(view: View) -> dict[str, str]:
+    """What is told of the decision, by user interface."""
+    page = parts_of(view, 'ann')['decisions'][0]
+    return {
+        'line mode': '\n'.join(status_lines(view)),
+        'map': '\n'.join(map_lines(view, (60, 20))),
+        'prompt': '\n'.join(text for _, text in toolbar(view, 80, 24)),
+        'screen': '\n'.join(decision_lines(view, '', 80, glyphs())),
+        'page': '\n'.join(page['reasons']),
+    }
+
+
+def test_until_the_path_has_come_no_other_one_is_drawn_and_that_is_told(mirror: Mirror) -> None:
+    view = mirror.view()
+    for where, told in told_everywhere(view).items():
+        assert 'path, goal NOT RECEIVED' in told, where
+    assert (view.drawn.plan, view.drawn.goal, view.surroundings.plan) == ((), None, PLAN)
+    assert map_json(view)['plan'] == () and map_json(view)['lacks'] == 'path, goal'
+    page = parts_of(view, 'ann')['decisions'][0]
+    assert (page['lacks'], page['drawn']) == ('path, goal', {'plan': [], 'goal': None})
+
+
+def test_what_has_come_is_drawn_in_the_place_of_the_plan(mirror: Mirror) -> None:
+    mirror.receive_subjects(subjects())
+    view = mirror.view()
+    assert (view.drawn.plan, view.drawn.goal) == (((0.0, 0.0), (3.0, 4.0)), (5.0, 4.0))
+    for where, told in told_everywhere(view).items():
+        assert 'NOT RECEIVED' not in told, where
+        assert ('plan 5.0 m' if where == 'map' else 'path: 5.0 m to kitchen; goal: x 5.00 y 4.00') in told, where
+    page = parts_of(view, 'ann')['decisions'][0]
+    assert page['drawn'] == {'plan': [[0.0, 0.0], [3.0, 4.0]], 'goal': (5.0, 4.0)} and page['lacks'] == ''
+    show(mirror)  # it is answered: the robot drives
+    assert mirror.view().drawn.plan == PLAN
+
+
+@pytest.mark.parametrize(
+    'subjects', [subjects(number=1), replace(subjects(), executive_id='before')], ids=['of a value before', 'of another']
+)
+def test_what_belongs_to_something_else_counts_for_nothing(mirror: Mirror, subjects: Subjects) -> None:
+    mirror.receive_subjects(subjects)
+    assert mirror.view().lacks(JUDGE) == 'path, goal'
+
+
+def test_what_is_not_drawn_leaves_the_plan(mirror: Mirror) -> None:
+    mirror.receive_subjects(subjects(charge=0.5, note='a\x1b[2J\nb'))
+    view = mirror.view()
+    assert view.drawn.plan == PLAN
+    assert 'about charge: 0.5; note: ' in '\n'.join(status_lines(view))
+    assert '\x1b' not in '\n'.join(status_lines(view))
+    assert parts_of(view, 'ann')['decisions'][0]['drawn'] is None  # it would be sent with each new plan
+
+
+def test_a_path_without_place_and_a_type_that_is_not_installed_are_told() -> None:
+    nowhere = subjects(path=Path(poses=[pose_at(float('nan'), 0.0), pose_at(0.0, 0.0)])).subjects[0]
+    assert (nowhere.values[0].points, nowhere.values[0].text) == ((), 'it has a point that is nowhere')
+    message = DecisionSubjects(executive_id='e', subjects=[subject_message('r-1', 2, {'goal': pose_at(0.0, 0.0)})])
+    message.subjects[0].entries[0].type = 'robot_msgs/msg/Picture'
+    unknown = subjects_record(message).subjects[0].values[0]
+    assert (unknown.pose, unknown.type) == (None, 'robot_msgs/msg/Picture') and unknown.text
+
+
+Answer = Callable[[View, CommandBuilder, bool], Any]
+ANSWERS: dict[str, Answer] = {
+    'confirm': lambda view, make, unseen: line(f'confirm{" --unseen" if unseen else ""}', view, make),
+    'confirm ID': lambda view, make, unseen: line(f'confirm r-1{" --unseen" if unseen else ""}', view, make),
+    'force': lambda view, make, unseen: line(f'force canceled{" --unseen" if unseen else ""}', view, make),
+    'typed confirm': lambda view, make, unseen: typed(f'confirm{" --unseen" if unseen else ""}', view, make),
+    'typed force': lambda view, make, unseen: typed(f'force done{" --unseen" if unseen else ""}', view, make),
+    'picked': lambda view, make, unseen: choose('done', view, make, JUDGE, unseen=unseen).command,
+    'picked other': lambda view, make, unseen: choose('canceled', view, make, JUDGE, unseen=unseen).command,
+}
+
+
+def line(text: str, view: View, make: CommandBuilder) -> Any:
+    return build(parse(text.split()), view, make)
+
+
+def typed(text: str, view: View, make: CommandBuilder) -> Any:
+    return interpret(text, view, make, Bound('r-1')).command
+
+
+@pytest.mark.parametrize('way', ANSWERS)
+def test_no_answer_goes_to_what_is_not_shown_unless_the_operator_insists(mirror: Mirror, way: str) -> None:
+    make, give = CommandBuilder('ann'), ANSWERS[way]
+    with pytest.raises(NotShownError, match=r'\(path, goal\); nothing was sent.* --unseen'):
+        give(mirror.view(), make, False)
+    assert give(mirror.view(), make, True).kind in (CommandKind.CONFIRM, CommandKind.FORCE)
+    mirror.receive_subjects(subjects())
+    assert give(mirror.view(), make, False).kind in (CommandKind.CONFIRM, CommandKind.FORCE)
+
+
+def test_a_value_is_not_given_for_what_is_not_shown(mirror: Mirror) -> None:
+    show(mirror, VALUE)
+    make = CommandBuilder('ann')
+    with pytest.raises(NotShownError, match='picture'):
+        line('input red', mirror.view(), make)
+    assert line('input --unseen red', mirror.view(), make).kind is CommandKind.ANSWER
+    assert line('decline', mirror.view(), make).kind is CommandKind.DECLINE  # it judges nothing
+
+
+def test_short_answers_at_the_prompt_are_refused_with_what_to_type(mirror: Mirror) -> None:
+    for text in ('1', 'done', 'canceled'):
+        with pytest.raises(NotShownError, match='--unseen'):
+            typed(text, mirror.view(), CommandBuilder('ann'))
+
+
+def test_a_pose_that_nobody_tells_is_unknown_and_what_that_means_is_told(mirror: Mirror) -> None:
+    show(mirror, pose_problem='nobody publishes /pose')
+    view = mirror.view()
+    text = 'pose unknown: nobody publishes /pose; motion is not watched'
+    assert text in where_text(view)
+    assert f'robot     {text}' in status_lines(view)
+    assert any(text in row for _, row in toolbar(view, 80, 24))
+    assert parts_of(view, 'ann')['where'] == text
+    show(mirror, robot_pose=Pose(1.0, 2.0), pose_problem='nobody publishes /pose any more')
+    assert 'pose old: nobody publishes /pose any more' in where_text(mirror.view())
+
+
+def test_a_node_that_nobody_expects_is_not_missed(mirror: Mirror) -> None:
+    unexpected = Peer('/simulator', False, ready=False, problem='it was not seen yet; start it', expected=False)
+    show(mirror, peers=(unexpected, Peer('/bt_server', True)))
+    view = mirror.view()
+    assert view.snapshot is not None and view.snapshot.missed_peers == ()
+    told = '\n'.join(status_lines(view))
+    assert '/simulator not seen' in told and 'MISSING' not in told
+    show(mirror, peers=(replace(unexpected, expected=True),))
+    assert '/simulator MISSING: it was not seen yet; start it' in '\n'.join(status_lines(mirror.view()))
