@@ -12,6 +12,15 @@ set(AMENT_CMAKE_SYMLINK_INSTALL OFF)
 find_package(rosidl_default_generators QUIET)
 list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
 
+# The wheels have no C++ client library. Packages of states and behaviors for FlexBE ask for it and use nothing of it:
+# they find a package that is empty.
+find_package(rclcpp QUIET)
+if(NOT rclcpp_FOUND)
+  file(WRITE "${CMAKE_BINARY_DIR}/empty_packages/rclcppConfig.cmake"
+    "message(STATUS \"The ROS 2 wheels have no rclcpp: code that includes it can be built with ROS 2 sourced only\")\n")
+  set(rclcpp_DIR "${CMAKE_BINARY_DIR}/empty_packages" CACHE PATH "Stands in for rclcpp" FORCE)
+endif()
+
 # Several generated files are compiled as one: what takes the time is the headers that all of them include.
 # Not the *__description.c, which define constants of the same names.
 function(_compile_together)

@@ -150,3 +150,41 @@ def test_logs_of_ros_have_a_place_where_neither_workspace_nor_home_can_be_writte
         timeout=TIMEOUT_S,
     )
     assert ended.stdout == f'{tmp_path}/flexbt-0/log\n', ended.stderr
+
+
+STATES_CMAKE = """cmake_minimum_required(VERSION 3.5)
+project(some_flexbe_states)
+find_package(ament_cmake REQUIRED)
+find_package(ament_cmake_python REQUIRED)
+find_package(rclcpp REQUIRED)
+find_package(rclpy REQUIRED)
+ament_python_install_package(${PROJECT_NAME})
+ament_package()
+"""
+STATES_PACKAGE = """<?xml version="1.0"?>
+<package format="3">
+  <name>some_flexbe_states</name><version>1.0.0</version><description>States</description>
+  <maintainer email="somebody@example.org">Somebody</maintainer><license>BSD</license>
+  <buildtool_depend>ament_cmake</buildtool_depend><buildtool_depend>ament_cmake_python</buildtool_depend>
+  <export><build_type>ament_cmake</build_type></export>
+</package>
+"""
+
+
+@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+def test_a_package_for_flexbe_that_asks_for_rclcpp_is_built_on_the_wheels(tmp_path: Path) -> None:
+    source = tmp_path / 'src' / 'some_flexbe_states'
+    (source / 'some_flexbe_states').mkdir(parents=True)
+    (source / 'some_flexbe_states' / '__init__.py').touch()
+    (source / 'CMakeLists.txt').write_text(STATES_CMAKE)
+    (source / 'package.xml').write_text(STATES_PACKAGE)
+    ended = subprocess.run(
+        ['bash', '-c', '. "$0/tools/env.sh" && colcon build', ROOT],
+        cwd=tmp_path,
+        env={'HOME': str(tmp_path), 'PATH': os.defpath},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert (tmp_path / 'install' / 'some_flexbe_states' / 'share' / 'some_flexbe_states' / 'package.xml').exists()
