@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from flexbt_common.cli import HintingArgumentParser
-from flexbt_core.values import counted
+from flexbt_core.values import counted, lines
 
 from .errors import SimulationError
 from .navigation import PERIOD, Navigator
@@ -25,7 +25,7 @@ def main(args: list[str] | None = None) -> int:
         world = World.load(options.file, seed=options.seed)
         report: str = options.command(world, options)
     except (SimulationError, OSError, ValueError) as error:
-        print(error, file=sys.stderr)
+        print(*lines(str(error)), sep='\n', file=sys.stderr)
         return 1
     print(report)
     return 0

@@ -8,6 +8,8 @@ import os
 import sys
 from typing import Final
 
+from flexbt_core.values import one_line
+
 _FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
@@ -35,7 +37,7 @@ def report_full_output(program: str, error: OSError) -> bool:
     if not is_full(error):
         return False
     abandon_stdout()
-    print(f'{program}: the output is not whole: {error.strerror}', file=sys.stderr)
+    print(one_line(f'{program}: the output is not whole: {error.strerror}'), file=sys.stderr)
     return True
 
 

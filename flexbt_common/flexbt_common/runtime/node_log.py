@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import select
 import stat
@@ -30,7 +31,7 @@ from flexbt_core.values import counted, lines
 
 from .rclpy_private import OpenLogger, log_for_callers_of
 
-__all__ = ['NodeLogger', 'StandardStreams']
+__all__ = ['NodeLogHandler', 'NodeLogger', 'StandardStreams']
 
 LINES: Final = 200
 """Lines of one message, at most: a trace may be long."""
@@ -134,6 +135,22 @@ def _is_read(number: int) -> bool:
     ready = select.poll()
     ready.register(number, select.POLLOUT)
     return bool(ready.poll(0))
+
+
+class NodeLogHandler(logging.Handler):
+    """Gives what Python's own logging is told, by libraries for example, to the logger of a node."""
+
+    def __init__(self, logger: NodeLogger) -> None:
+        super().__init__(logging.WARNING)
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See :meth:`logging.Handler.emit`."""
+        text = f'{record.name}: {self.format(record)}'
+        if record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        else:
+            self._logger.warning(text)
 
 
 class StandardStreams:

@@ -20,6 +20,7 @@ import contextlib
 import faulthandler
 import gc
 import itertools
+import logging
 import math
 import os
 import signal
@@ -52,7 +53,7 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
-from .node_log import NodeLogger, StandardStreams
+from .node_log import NodeLogger, NodeLogHandler, StandardStreams
 from .parameters import bounded, is_parameter_service, unknown_parameters
 from .received_messages import COMPLAINT_SECONDS
 from .ros_clock import RosClock
@@ -531,7 +532,7 @@ def run_node(
     try:
         unknown = remove_ros_args([name, *given])[1:]
     except RuntimeError as error:  # of rcl, such as for a namespace that is no name in ROS
-        print(f'{name}: {error}', file=sys.stderr)
+        print(*lines(f'{name}: {error}'), sep='\n', file=sys.stderr)
         return 2
     if unknown:
         print(
@@ -544,18 +545,23 @@ def run_node(
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
             runtime.on_failure(wake)
+            handler = NodeLogHandler(runtime.node.get_logger())
+            logging.getLogger().addHandler(handler)
+            runtime.on_close(partial(logging.getLogger().removeHandler, handler))
             setup(runtime)
             runtime.post(partial(_tell_unknown_parameters, runtime))
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
-            print(f'{name}: cannot start: {error or type(error).__name__}', file=sys.stderr, flush=True)
+            print(
+                *lines(f'{name}: cannot start: {error or type(error).__name__}'), sep='\n', file=sys.stderr, flush=True
+            )
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
             _close_in_time(name, runtime)
             return 1
         os.read(signals, 1)
         if runtime.health.failure:
-            print(f'{name}: cannot go on: {runtime.health.failure}', file=sys.stderr, flush=True)
+            print(*lines(f'{name}: cannot go on: {runtime.health.failure}'), sep='\n', file=sys.stderr, flush=True)
         _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
 

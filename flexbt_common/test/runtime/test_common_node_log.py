@@ -20,13 +20,14 @@ from flexbt_common.runtime.node_log import NodeLogger
 from flexbt_testing.waiting import wait_until
 
 _TALKER = """
-import sys
+import logging, sys
 from flexbt_common.runtime import run_node
 
 def setup(runtime):
     log = runtime.node.get_logger()
 
     def talk():
+        logging.getLogger('library').error('a \x1b[31mred text')
         for number in range(2_000):
             log.info(f'line {number} ' + 'x' * 80)
             print('printed', number)
@@ -112,6 +113,7 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_counts_what_it_drops(tmp_p
             process.stdout.fileno(), b' messages missing here: nobody read', b' lines dropped: nobody read'
         )
         assert b'line 0 ' in read
+        assert b'[talker]: library: a \\e[31mred text' in read
     finally:
         process.terminate()
         process.communicate(timeout=30.0)

@@ -23,6 +23,7 @@ from flexbt_common.values import resolve_type
 from flexbt_console.commands import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
 from flexbt_core.clock import WakeEvent
+from flexbt_core.values import one_line
 
 from .definitions import fields_of, full_definition
 from .run_file import DAMAGED, read_run, recover_run
@@ -38,11 +39,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.recover is not None:
-            print(f'{options.recover}: {recover_run(options.file, options.recover)} messages')
+            print(one_line(f'{options.recover}: {recover_run(options.file, options.recover)} messages'))
         else:
             replay(options.file, rate=options.rate, namespace=options.namespace, start=options.start)
     except ConsoleError as error:
-        print(f'replay: {error}', file=sys.stderr)
+        print(one_line(f'replay: {error}'), file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
@@ -80,7 +81,7 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
     """
 
     def tell_damage() -> None:
-        print(f'replay: {file}: {DAMAGED}', file=sys.stderr)
+        print(one_line(f'replay: {file}: {DAMAGED}'), file=sys.stderr)
 
     messages = (one for one in read_run(file, tell_damage) if one.topic not in NOT_REPLAYED)
     first = next(messages, None)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 from flexbt_console.errors import ConsoleError
+from flexbt_core.values import lines
 
 from .process_group import ProcessGroup
 from .report import DemoError
@@ -42,7 +43,7 @@ def run_demonstration(program: str, logs: Path, interactive: bool, run: Callable
                 finally:
                     _ignore_signals()
     except (DemoError, ConsoleError, NoFreeDomainError, OSError, LookupError) as error:
-        print(f'{program}: {error}', file=sys.stderr)
+        print(*lines(f'{program}: {error}'), sep='\n', file=sys.stderr)
         return 1
     except Interrupted as interruption:
         return 0 if interactive else 128 + interruption.number

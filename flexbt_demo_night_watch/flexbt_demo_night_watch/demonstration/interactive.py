@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from flexbt_core.values import lines
 from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console, serve_page, tell_ended
 
 from .watch import Watch
@@ -48,4 +49,4 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
                 case _:
                     print(f'{" ".join(words)!r}: expected alpha, beta, mend, battery ROBOT, lose ROBOT, or end')
         except DemoError as error:
-            print(error)
+            print(*lines(str(error)), sep='\n')

@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print('\n'.join(_summary(run) for run in runs) or 'no runs')
         elif len(chosen) != 1:
             what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the event log has no run'
-            print(f'run_report: {what}; --list shows them', file=sys.stderr)
+            print(one_line(f'run_report: {what}; --list shows them'), file=sys.stderr)
             return 1
         elif options.svg:
             write_text(options.svg, timeline(chosen[0]))
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         abandon_stdout()
     except OSError as error:
         if not report_full_output('run_report', error):
-            print(f'run_report: {error}', file=sys.stderr)
+            print(one_line(f'run_report: {error}'), file=sys.stderr)
         return 2
     return 0
 

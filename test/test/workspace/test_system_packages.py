@@ -154,3 +154,36 @@ def test_the_packages_depend_on_each_other_as_agreed(manifest: Manifest) -> None
     words = dict(rows)[manifest.directory.name]
     agreed = ours if words == 'all' else {f'flexbt_{word}' for word in re.findall(r'\w+', words)}
     assert manifest.of_python & ours <= agreed | (manifest.dependencies('test_depend') & {TESTING})
+
+
+@each_package
+def test_what_others_have_written_reaches_logs_and_terminals_escaped(manifest: Manifest) -> None:
+    """Log calls go through the logger of a node, which escapes; exceptions, which quote, are printed by ``lines``."""
+    raw = [
+        f'{file.relative_to(ROOT)}:{line}'
+        for file in (manifest.directory / manifest.name).rglob('*.py')
+        if file.name != 'rclpy_private.py'
+        for line in _unescaped(ast.parse(file.read_text(encoding='utf-8')))
+    ]
+    assert raw == []
+
+
+def _unescaped(tree: ast.Module) -> Iterator[int]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module in ('rclpy.logging', 'rclpy.impl.rcutils_logger'):
+            if {alias.name for alias in node.names} - {'LoggingSeverity'}:
+                yield node.lineno
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == 'print':
+            for argument in node.args:
+                if 'error' in _names(argument) and not _is_escaped(argument):
+                    yield node.lineno
+
+
+def _names(node: ast.expr) -> set[str]:
+    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+
+
+def _is_escaped(node: ast.expr) -> bool:
+    called = node.value if isinstance(node, ast.Starred) else node
+    is_call = isinstance(called, ast.Call) and isinstance(called.func, ast.Name)
+    return is_call and called.func.id in ('one_line', 'lines')

@@ -27,6 +27,7 @@ from flexbt_core.synthesis.machines import (
     machine_as_yaml,
     state_instantiations,
 )
+from flexbt_core.values import lines
 from flexbt_onboard.behaviors import state_modules
 from flexbt_tools.cli import arguments
 from flexbt_tools.counterexamples import counterstrategy_diagram, draw_diagram
@@ -128,7 +129,7 @@ def _answered(options: argparse.Namespace) -> ExitCode:
     try:
         answer = synthesize(problem, _watch(began, limit))
     except SynthesisTimeout as error:
-        print(str(error), file=sys.stderr)
+        print(*lines(str(error)), sep='\n', file=sys.stderr)
         return ExitCode.UNFINISHED
     return _told(options, answer, interfaces, time.monotonic() - began)
 
