@@ -112,7 +112,7 @@ class Picking:
             raise RefusedError(f'nothing is picked yet: {what}')
         meaning = choose(answer, view, make, decision)
         self._pick = None
-        return choose(answer, view, make, decision)
+        return meaning
 
     def _decision(self, view: View) -> Decision:
         return Bound(*self._shown.bound).decision(view)
