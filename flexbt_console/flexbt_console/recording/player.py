@@ -23,6 +23,7 @@ from flexbt_console.link import (
     SurroundingsFeed,
     behaviors_record,
     event_records,
+    guard_record,
     log_record,
     places_record,
     points_of,

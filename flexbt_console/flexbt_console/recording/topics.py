@@ -38,6 +38,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.latched(names.EVENTS_DEPTH)),
     names.EXECUTIVE_COMMAND: Topic('flexbt_msgs/msg/ExecutiveCommand', names.command()),
     names.EXECUTIVE_STOP: Topic('flexbt_msgs/msg/ExecutiveCommand', names.stop()),
+    names.STOP_GUARD_STATUS: Topic('flexbt_msgs/msg/StopGuardStatus', names.latched()),
     names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.latched(16)),
     names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.latched(16)),
     names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.latched()),
