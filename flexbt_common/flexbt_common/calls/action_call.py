@@ -38,11 +38,11 @@ from unique_identifier_msgs.msg import UUID
 from flexbt_core.clock import Timer
 
 from .action_link import ActionLinks, ActionServerLink
+from .links import WATCH_SECONDS, Servers
 
 __all__ = ['ActionCall', 'ActionLinks', 'ActionServerLink', 'GoalOutcome', 'GoalStatus']
 
 _APPEAR_PERIOD: Final = 0.05
-_WATCH_PERIOD: Final = 0.2
 _ANSWER_LATE: Final = 0.1
 """Seconds after which an acceptance that only the list of goals tells is believed."""
 _RESULT_LATE: Final = 0.4
@@ -131,6 +131,7 @@ class ActionCall:
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
         self._unknown_since = math.inf
+        self._servers: Servers | None = None
         self._runtime.post(self._start)
 
     @property
@@ -191,6 +192,7 @@ class ActionCall:
             self._after('appear', _APPEAR_PERIOD, lambda: self._wait_for_server(deadline))
 
     def _send(self) -> None:
+        self._servers = self._link.servers()
         try:
             future = self._link.client.send_goal_async(
                 self._goal, feedback_callback=self._feedback, goal_uuid=self._goal_id
@@ -202,6 +204,7 @@ class ActionCall:
         self._link.status_listeners[bytes(self._goal_id.uuid)] = self._on_status
         future.add_done_callback(self._goal_answered)
         self._after('accept', self._accept_timeout, self._not_accepted)
+        self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
     def _not_accepted(self) -> None:
         if self.done or self.accepted:
@@ -211,8 +214,6 @@ class ActionCall:
         if self._cancel_requested and self._cancel_timeout is None:
             answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
             self._after('accept', self._next_cancel(), self._not_accepted)
-            if 'watch' not in self._timers:
-                self._await_late_acceptance()
             return
         self._finish(
             GoalStatus.TIMEOUT,
@@ -220,14 +221,14 @@ class ActionCall:
             'is it overloaded, or built from other interface definitions?',
         )
 
-    def _await_late_acceptance(self) -> None:
+    def _await_acceptance(self) -> None:
         """Until the server says what became of the goal, it may begin to work on it at any time."""
         if self.done or self.accepted:
             return
         if self._is_gone():
-            self._finish(GoalStatus.LOST, f'action server {self._link} went away without an answer to the goal')
+            self._lose(f'action server {self._link} went away without an answer to the goal')
         else:
-            self._after('watch', _WATCH_PERIOD, self._await_late_acceptance)
+            self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
     def _early_cancel_answered(self, future: Any, asked: float) -> None:
         """To a cancel that was sent at ``asked``, before the acceptance was heard of."""
@@ -274,7 +275,7 @@ class ActionCall:
         self._ask_for_result()
         if self._cancel_requested:
             self._cancel()
-        self._after('watch', _WATCH_PERIOD, self._watch)
+        self._after('watch', WATCH_SECONDS, self._watch)
         if self._on_accepted is not None:
             self._guarded(self._on_accepted)
 
@@ -314,7 +315,7 @@ class ActionCall:
             return
         now, was_gone = self._runtime.steady.now(), self._gone_since is not None
         if self._is_gone():
-            self._finish(GoalStatus.LOST, f'action server {self._link} is gone: its process ended, or is out of reach')
+            self._lose(f'action server {self._link} is gone: its process ended, or is out of reach')
             return
         if self._gone_since is None:
             if self._status in _ENDED and self._ended_seen is None:
@@ -327,10 +328,18 @@ class ActionCall:
                 self._ask_for_result()
             if was_gone and self._cancel_requested:
                 self._send_cancel(self._handle).add_done_callback(self._cancel_answered)
-        self._after('watch', _WATCH_PERIOD, self._watch)
+        self._after('watch', WATCH_SECONDS, self._watch)
+
+    def _lose(self, reason: str) -> None:
+        """The server is gone. One that is only late for too long finds a cancel when it comes back."""
+        if self._servers is not None and self._servers.are_silent:
+            self._send_cancel(self._handle or self._own_handle())
+        self._finish(GoalStatus.LOST, reason)
 
     def _is_gone(self) -> bool:
-        """Whether the server has been out of reach for longer than an outage may last."""
+        """Whether the server is known to be gone, or has been out of reach for longer than an outage may last."""
+        if self._servers is not None and self._servers.are_gone:
+            return not self._may_come_back()
         now = self._runtime.steady.now()
         if self._link.is_ready():
             self._gone_since = None
@@ -340,8 +349,11 @@ class ActionCall:
 
     def _may_come_back(self) -> bool:
         """Whether a server that cannot be reached may still work on the goal."""
-        nodes = self._link.nodes
-        return nodes.silent() if self._cancel_requested and self._cancel_timeout is None else nodes.late()
+        servers = self._servers
+        if servers is None:
+            return False
+        is_relied_on = self._cancel_requested and self._cancel_timeout is None
+        return servers.are_silent if is_relied_on else servers.are_late and not servers.are_gone
 
     def _cancel(self) -> None:
         if self.done:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from action_msgs.msg import GoalStatusArray
 from rclpy.action import ActionClient
@@ -13,40 +13,19 @@ from rclpy.qos import qos_profile_action_status_default
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import ACTION_CLIENT, NodeRuntime, OpenActionClient, is_usable
 
-from .links import Links
+from .links import Links, ServerLink, ServerNodes
 
 
-class ServerNodes(Protocol):
-    """What is known of the nodes whose servers are called, beside what discovery says. Used on the executor thread."""
-
-    def late(self) -> bool:
-        """Whether one of them is late: a server that cannot be reached may only hang."""
-
-    def silent(self) -> bool:
-        """Whether one of them is not heard, late or gone, and is not known to have ended: its servers may come back."""
-
-
-class _UnknownNodes:
-    def late(self) -> bool:
-        return False
-
-    def silent(self) -> bool:
-        return False
-
-
-class ActionServerLink:
+class ActionServerLink(ServerLink):
     """The connection of this node to one action server. Made by :class:`ActionLinks`, on the executor thread.
 
     ``client`` is rclpy's, to be used on the executor thread only; ``name`` is the server's name as it was asked for.
     ``status_listeners`` are told the status of their goal, by its id, whenever the server publishes its goals.
-    ``nodes`` tells what is known of the nodes of servers.
     """
 
-    def __init__(self, runtime: NodeRuntime, action_type: Any, name: str) -> None:
-        self.runtime = runtime
+    def __init__(self, runtime: NodeRuntime, action_type: Any, name: str, nodes: ServerNodes) -> None:
+        super().__init__(runtime, name, nodes, f'rt{runtime.node.resolve_topic_name(f"{name}/_action/status")}')
         self.action_type = action_type
-        self.name = name
-        self.nodes: ServerNodes = _UnknownNodes()
         self.status_listeners: dict[bytes, Callable[[int], None]] = {}
         self.client: Any = self._make_client()
 
@@ -67,8 +46,8 @@ class ActionServerLink:
         package, kind, *_ = self.action_type.__module__.split('.')
         return f'{package}/{kind}/{self.action_type.__name__}'
 
-    def is_ready(self) -> bool:
-        """Whether an action server of that name and type is there now, as far as discovery knows."""
+    def is_shown(self) -> bool:
+        """See :meth:`ServerLink.is_shown`."""
         return bool(self.client.server_is_ready())
 
     def _on_list(self, goals: GoalStatusArray) -> None:
@@ -85,14 +64,3 @@ class ActionLinks(Links[ActionServerLink]):
     """The links of one node to action servers."""
 
     link_class = ActionServerLink
-
-    def __init__(self, runtime: NodeRuntime, nodes: ServerNodes | None = None) -> None:
-        """``nodes``: those whose servers are called, when they are watched."""
-        super().__init__(runtime)
-        self._nodes = nodes
-
-    def _link(self, server_type: Any, name: str) -> ActionServerLink:
-        link = super()._link(server_type, name)
-        if self._nodes is not None:
-            link.nodes = self._nodes
-        return link

@@ -1,17 +1,145 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Connections of a node to servers, shared by all who call them: discovery is paid once for each server."""
+"""Connections of a node to servers, shared by all who call them: discovery is paid once for each server.
+
+The middleware goes on showing the servers of a process that was killed until the lease of its participant is over,
+20 s with our profiles. Nodes of FlexBT hold a liveliness token (:mod:`flexbt_common.liveness`): of their servers it is
+known within a second that they are gone, and that another process has taken their place. Of servers without a token,
+such as Nav2's own, it is known what the middleware shows.
+"""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch
+from flexbt_common.names import alive_topic
+from flexbt_common.runtime import UNKNOWN_NODE, NodeRuntime
+
+SETTLE_SECONDS: Final = 0.1
+"""From the discovery of a server to the first message to it, where this may be lost: the other side does not know this
+node yet."""
+
+WATCH_SECONDS: Final = 0.2
+"""From one look at whether the servers of a call are gone to the next."""
+
+_MOST_NODES: Final = 100
+"""Nodes whose tokens are watched for the calls of one node, at most: their names are what others say."""
 
 
-class ServerLink(Protocol):
-    """The connection to one server; made on the executor thread."""
+class ServerEnd(NamedTuple):
+    """One of what serves a name: its node, and the writer of its answers."""
 
-    def __init__(self, runtime: NodeRuntime, server_type: Any, name: str) -> None: ...
+    node: str
+    writer: bytes
+
+
+class ServerNodes:
+    """The nodes whose servers a node calls, as far as they hold liveliness tokens. For the executor thread.
+
+    ``timeout``: how long one may be late before it is taken for gone, s of wall time.
+    """
+
+    def __init__(self, runtime: NodeRuntime, timeout: float) -> None:
+        self._runtime = runtime
+        self._timeout = timeout
+        self._watches: dict[str, LivelinessWatch] = {}
+
+    def watch(self, node: str) -> LivelinessWatch | None:
+        """Return the watch of a node; None while it holds no token."""
+        watch = self._watches.get(node)
+        if watch is None and self._has_room() and self._runtime.node.count_publishers(alive_topic(node)):
+            watch = self._watches[node] = LivelinessWatch(self._runtime, node, timeout=self._timeout)
+        return watch
+
+    def _has_room(self) -> bool:
+        if len(self._watches) == _MOST_NODES:
+            for node, watch in tuple(self._watches.items()):
+                if watch.alive is False:
+                    watch.close()
+                    del self._watches[node]
+        return len(self._watches) < _MOST_NODES
+
+
+class Servers:
+    """Those who serve a name at some moment, and what becomes of them. For the executor thread."""
+
+    def __init__(self, nodes: ServerNodes, ends: frozenset[ServerEnd]) -> None:
+        self.ends = ends
+        self._nodes = nodes
+
+    @property
+    def are_gone(self) -> bool:
+        """Whether all of them, and there are some, are known to be gone: ended, replaced, or late for too long."""
+        return bool(self.ends) and all(self.is_gone(end) for end in self.ends)
+
+    @property
+    def are_late(self) -> bool:
+        """Whether the node of one of them is late: a server that cannot be reached may only hang."""
+        return any(watch.late for watch in self._watches())
+
+    @property
+    def are_silent(self) -> bool:
+        """Whether one of them is not heard, late or gone, and is not known to have ended: it may come back."""
+        return any(
+            watch.silent and not watch.has_ended(end.writer)
+            for end in self.ends
+            if (watch := self._nodes.watch(end.node)) is not None
+        )
+
+    def is_gone(self, end: ServerEnd) -> bool:
+        """Whether one of them is known to be gone."""
+        watch = self._nodes.watch(end.node)
+        return watch is not None and watch.is_gone(end.writer)
+
+    def _watches(self) -> list[LivelinessWatch]:
+        watches = (self._nodes.watch(end.node) for end in self.ends)
+        return [watch for watch in watches if watch is not None]
+
+
+class ServerLink:
+    """The connection of a node to the server ``name``; made on the executor thread, and for use there."""
+
+    def __init__(self, runtime: NodeRuntime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
+        """``answer_topic``: a topic on which the server answers, as DDS has it."""
+        self.runtime = runtime
+        self.name = name
+        self._nodes = nodes
+        self._answer_topic = answer_topic
+        self._seen: dict[ServerEnd, float] = {}  # and since when
+
+    def is_shown(self) -> bool:
+        """Return whether the middleware shows a server of this name and type."""
+        raise NotImplementedError
+
+    def is_ready(self) -> bool:
+        """Return whether a server is there now that is not known to be gone.
+
+        Beside one that is gone, a new one counts when it has had the time to know this node.
+        """
+        if not self.is_shown():
+            self._seen.clear()
+            return False
+        ends = self._ends()
+        if not ends:
+            return True  # a middleware that does not name its endpoints so
+        now = self.runtime.steady.now()
+        self._seen = {end: self._seen.get(end, now) for end in ends}
+        servers = Servers(self._nodes, ends)
+        gone = {end for end in ends if servers.is_gone(end)}
+        return any(not gone or now - self._seen[end] >= SETTLE_SECONDS for end in ends - gone)
+
+    def servers(self) -> Servers:
+        """Return those who are there now, and are not known to be gone."""
+        servers = Servers(self._nodes, self._ends())
+        return Servers(self._nodes, frozenset(end for end in servers.ends if not servers.is_gone(end)))
+
+    def _ends(self) -> frozenset[ServerEnd]:
+        endpoints = self.runtime.node.get_publishers_info_by_topic(self._answer_topic, no_mangle=True)
+        return frozenset(
+            ServerEnd(f'{one.node_namespace.rstrip("/")}/{one.node_name}', bytes(one.endpoint_gid))
+            for one in endpoints
+            if one.node_name != UNKNOWN_NODE
+        )
 
 
 LinkT = TypeVar('LinkT', bound=ServerLink)
@@ -26,8 +154,10 @@ class Links(Generic[LinkT]):
 
     link_class: ClassVar[type[Any]]
 
-    def __init__(self, runtime: NodeRuntime) -> None:
+    def __init__(self, runtime: NodeRuntime, peer_timeout: float = PEER_TIMEOUT) -> None:
+        """``peer_timeout``: how long the node of a server may be late before it is taken for gone, s of wall time."""
         self._runtime = runtime
+        self._peer_timeout = peer_timeout
         self._links: dict[tuple[Any, str], LinkT] = {}
 
     def link(self, server_type: Any, name: str) -> LinkT:
@@ -38,5 +168,7 @@ class Links(Generic[LinkT]):
     def _link(self, server_type: Any, name: str) -> LinkT:
         key = server_type, name
         if key not in self._links:
-            self._links[key] = self.link_class(self._runtime, server_type, name)
+            timeout = self._peer_timeout
+            nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
+            self._links[key] = self.link_class(self._runtime, server_type, name, nodes)
         return self._links[key]

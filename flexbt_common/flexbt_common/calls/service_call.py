@@ -12,12 +12,9 @@ from flexbt_common.names import deep_services
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.clock import Timer
 
-from .links import Links
+from .links import SETTLE_SECONDS, WATCH_SECONDS, Links, ServerLink, ServerNodes, Servers
 
 _APPEAR_PERIOD: Final = 0.05
-_SETTLE: Final = 0.1
-"""Seconds between the discovery of a service and the first request: the response to an earlier one may be lost,
-because the service does not know this client yet."""
 
 _LATE: Final = 1.0
 """Seconds by which the executor may be late to say that there is no response."""
@@ -36,25 +33,24 @@ class ServiceOutcome:
         return self.response is not None
 
 
-class ServiceLink:
+class ServiceLink(ServerLink):
     """The connection of this node to one service. Made by :class:`ServiceLinks`, on the executor thread; ``client`` is
     rclpy's."""
 
-    def __init__(self, runtime: NodeRuntime, service_type: Any, name: str) -> None:
-        self.runtime = runtime
+    def __init__(self, runtime: NodeRuntime, service_type: Any, name: str, nodes: ServerNodes) -> None:
+        super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.service_type = service_type
-        self.name = name
         self.client: Any = runtime.node.create_client(service_type, name, qos_profile=deep_services())
         self._seen_since: float | None = None
 
-    def is_ready(self) -> bool:
-        """Whether the service is there now, as far as discovery knows, and has had the time to know this client."""
+    def is_shown(self) -> bool:
+        """Return whether the middleware shows the service, which has had the time to know this client."""
         now = self.runtime.steady.now()
         if not self.client.service_is_ready():
             self._seen_since = None
         elif self._seen_since is None:
             self._seen_since = now
-        return self._seen_since is not None and now - self._seen_since >= _SETTLE
+        return self._seen_since is not None and now - self._seen_since >= SETTLE_SECONDS
 
     def __str__(self) -> str:
         package, kind, *_ = self.service_type.__module__.split('.')
@@ -107,6 +103,8 @@ class ServiceCall:
         self._outcome: ServiceOutcome | None = None
         self._timer: Timer | None = None
         self._future: Any = None
+        self._servers: Servers | None = None
+        self._watch_timer: Timer | None = None
         self._runtime.post(lambda: self._wait_for_service(self._runtime.steady.now() + server_timeout))
 
     @property
@@ -136,6 +134,7 @@ class ServiceCall:
             self._after(_APPEAR_PERIOD, lambda: self._wait_for_service(deadline))
 
     def _send(self) -> None:
+        self._servers = self._link.servers()
         try:
             self._future = self._link.client.call_async(self._request)
         except Exception as error:
@@ -143,6 +142,15 @@ class ServiceCall:
             return
         self._future.add_done_callback(self._answered)
         self._after(self._response_timeout, self._not_answered)
+        self._watch()
+
+    def _watch(self) -> None:
+        if self.done:
+            return
+        if self._servers is not None and self._servers.are_gone:
+            self._finish(None, f'service {self._link} is gone: its process ended, or is out of reach')
+        else:
+            self._watch_timer = self._runtime.post_in(WATCH_SECONDS, self._watch)
 
     def _answered(self, future: Any) -> None:
         if not future.cancelled():
@@ -159,8 +167,9 @@ class ServiceCall:
         if self.done:
             return
         self._outcome = ServiceOutcome(response, reason)
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in (self._timer, self._watch_timer):
+            if timer is not None:
+                timer.cancel()
         if self._future is not None and not self._future.done():
             self._link.client.remove_pending_request(self._future)
         try:

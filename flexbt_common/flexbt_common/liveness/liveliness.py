@@ -326,6 +326,14 @@ class LivelinessWatch:
         tells only when the lease of its participant is over."""
         return self._token.has_ended(writer)
 
+    def is_gone(self, writer: bytes) -> bool:
+        """Return whether a writer of this node, on any topic, is of a process that is taken for gone: it has ended,
+        another one has its place, or it is late for too long. One that has not been heard yet is not.
+        """
+        return self._token.knows(writer) and (
+            self.alive is False or self._token.is_replaced(writer) or self._token.has_ended(writer)
+        )
+
     def close(self) -> None:
         """Stop watching; nothing is called any more. From any thread."""
         self._runtime.post(self._close)
@@ -422,8 +430,17 @@ class _SeenToken:
         process = self._processes.get(participant_of(writer))
         return process is not None and process.has_ended()
 
+    def knows(self, writer: bytes) -> bool:
+        """Whether the process of a writer has been heard."""
+        return participant_of(writer) in self._processes
+
+    def is_replaced(self, writer: bytes) -> bool:
+        """Whether the process of a writer was heard, and another one has taken its place."""
+        process = self._processes.get(participant_of(writer))
+        return process is not None and process in self._replaced
+
     def _receive(self, received: Received) -> None:
-        if not self._rates.allows(received.participant):
+        if not self._rates.allows(received.process):
             self._messages.blame(received)
             return
         try:

@@ -16,6 +16,7 @@ from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer, CancelResponse
 
 from flexbt_common.calls import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
+from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.system.python_process import PythonProcess, python_process
@@ -318,7 +319,7 @@ def test_a_result_that_the_answer_to_a_late_cancel_overtakes_counts(
 def test_a_cancel_at_a_server_that_does_not_know_the_goal_loses_it(
     link: ActionServerLink, cancels_answered: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('flexbt_common.calls.action_call._WATCH_PERIOD', 1000.0)  # only the cancel can tell
+    monkeypatch.setattr('flexbt_common.calls.action_call.WATCH_SECONDS', 1000.0)  # only the cancel can tell
     done, accepted = Done(), threading.Event()
     with NodeRuntime.open('server') as first:
         ScriptedActionServer(first, Wait, 'wait')
@@ -403,11 +404,95 @@ def test_an_acceptance_whose_answer_is_lost_counts(
     assert done.wait().status is GoalStatus.CANCELED
 
 
-def start_child() -> PythonProcess:
-    child = python_process(['-m', 'flexbt_testing.nodes.scripted_action_server'])
-    assert child.stdout is not None
-    assert child.stdout.readline() == 'ready\n'
+def start_child(*arguments: str) -> PythonProcess:
+    child = python_process(['-m', 'flexbt_testing.nodes.scripted_action_server', *arguments])
+    wait_for_line(child, 'ready')
     return child
+
+
+def wait_for_line(child: PythonProcess, line: str) -> None:
+    assert child.stdout is not None
+    said = ''
+    while said != f'{line}\n':
+        said = child.stdout.readline()
+        assert said, f'the server has ended before it said {line!r}'
+
+
+@pytest.fixture
+def children() -> Iterator[list[PythonProcess]]:
+    """Those that a test starts, the newest last; all are ended."""
+    started: list[PythonProcess] = []
+    yield started
+    for child in started:
+        with child:
+            child.kill()
+
+
+def find_token(link: ActionServerLink) -> None:
+    """Wait until the liveliness token of the server has been heard."""
+    client = link.runtime
+    watch = LivelinessWatch(client, '/scripted')
+    wait_until(lambda: client.call(link.is_ready) and watch.ready, 'the server and its token')
+    watch.close()
+
+
+@pytest.mark.parametrize('is_restarted', [False, True])
+@pytest.mark.parametrize('moment', ['before the acceptance', 'while it executes', 'during a cancel', 'relied on'])
+def test_a_server_with_a_token_that_is_killed_loses_the_goal_at_once_and_the_next_one_is_used(
+    link: ActionServerLink, client: NodeRuntime, children: list[PythonProcess], moment: str, is_restarted: bool
+) -> None:
+    children.append(start_child('token', 'stubborn'))
+    find_token(link)
+    done = Done()
+    if moment == 'before the acceptance':
+        children[0].send_signal(signal.SIGSTOP)
+        call(link, done, accept_timeout=1e3)
+        client.call(lambda: None)  # after it was sent
+    else:
+        accepted = threading.Event()
+        one = call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+        if moment != 'while it executes':
+            one.cancel(timeout=None if moment == 'relied on' else 1e3)
+            wait_for_line(children[0], 'cancel')
+    children[0].kill()
+    if is_restarted:
+        children.append(start_child('token'))
+    assert done.wait().status is GoalStatus.LOST
+    assert 'does not know' not in done.wait().reason, 'the token tells, not the next server'
+    if not is_restarted:
+        # Until the lease of its participant is over, the middleware shows the server that was killed.
+        assert client.call(link.is_shown) and not client.call(link.is_ready)
+        children.append(start_child('token'))
+    done, accepted = Done(), threading.Event()
+    one = call(link, done, on_accepted=accepted.set)
+    assert accepted.wait(DEADLINE)
+    one.cancel(timeout=DEADLINE)
+    assert done.wait().status is GoalStatus.CANCELED
+
+
+def test_a_server_that_is_stopped_loses_the_goal_after_its_time_and_finds_a_cancel(
+    client: NodeRuntime, children: list[PythonProcess]
+) -> None:
+    link = ActionLinks(client, peer_timeout=1.0).link(Wait, 'wait')
+    children.append(start_child('token'))
+    find_token(link)
+    given_up, relied_on, accepted = Done(), Done(), threading.Semaphore(0)
+    call(link, given_up, on_accepted=accepted.release)
+    canceled = call(link, relied_on, on_accepted=accepted.release)
+    for _ in range(2):
+        assert accepted.acquire(timeout=DEADLINE)
+    children[0].send_signal(signal.SIGSTOP)
+    canceled.cancel(timeout=None)
+    outcome = given_up.wait()
+    assert outcome.status is GoalStatus.LOST
+    assert client.call(link.is_shown) and not client.call(link.is_ready)
+    assert not relied_on.outcomes, 'who cancels without a time limit relies on the end'
+    children[0].send_signal(signal.SIGCONT)
+    wait_for_line(children[0], 'cancel')
+    wait_for_line(children[0], 'cancel')
+    assert relied_on.wait().status in (GoalStatus.CANCELED, GoalStatus.LOST)
+    wait_until(lambda: client.call(link.is_ready), 'the server is used again')
 
 
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])

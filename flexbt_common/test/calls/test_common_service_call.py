@@ -21,8 +21,10 @@ from flexbt_common.calls import (
     ServiceOutcome,
     service_outcome,
 )
+from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.waiting import DEADLINE
+from flexbt_testing.system.python_process import python_process
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}
 
@@ -79,6 +81,21 @@ def test_no_response_in_time_and_a_late_one_is_ignored(link: ServiceLink) -> Non
         ServiceCall(link, Trigger.Request(), on_done=outcomes.put, **PATIENT)
         assert outcomes.get(timeout=DEADLINE).ok
         assert outcomes.empty()
+
+
+def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: ServiceLink) -> None:
+    runtime, outcomes = link.runtime, queue.Queue[ServiceOutcome]()
+    held = ServiceLinks(runtime).link(Trigger, 'held')
+    with python_process(['-m', 'flexbt_testing.nodes.scripted_action_server', 'token']) as child:
+        watch = LivelinessWatch(runtime, '/scripted')
+        wait_until(lambda: runtime.call(held.is_ready) and watch.ready, 'the service and its token')
+        ServiceCall(held, Trigger.Request(), on_done=outcomes.put, response_timeout=1e3)
+        runtime.call(lambda: None)  # after it was sent
+        child.kill()
+        outcome = outcomes.get(timeout=DEADLINE)
+    assert not outcome.ok and 'is gone' in outcome.reason
+    assert runtime.call(held.is_shown) and not runtime.call(held.is_ready)
+    assert 'no service' in service_outcome(held, Trigger.Request(), 0.1).reason
 
 
 def test_a_request_that_is_given_up_ends_once(link: ServiceLink) -> None:

@@ -115,7 +115,7 @@ class Executive:
         self._input_requests = InputRequests(runtime, self._admission, self._input_request_changed)
 
         # Runs and commands.
-        services = ServiceLinks(runtime)
+        services = ServiceLinks(runtime, parameters.peer_timeout)
         motion_stop = MotionStop(
             runtime,
             services,
@@ -130,7 +130,7 @@ class Executive:
             runtime,
             StateServices(
                 runtime=runtime,
-                actions=ActionLinks(runtime, peers),
+                actions=ActionLinks(runtime, parameters.peer_timeout),
                 services=services,
                 node_name=node_name,
                 unready=peers.unready,

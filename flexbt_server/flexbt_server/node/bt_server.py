@@ -76,8 +76,8 @@ class BtServer:
         boards = Blackboards()
         services = LeafServices(
             runtime=runtime,
-            actions=ActionLinks(runtime),
-            services=ServiceLinks(runtime),
+            actions=ActionLinks(runtime, parameters.peer_timeout),
+            services=ServiceLinks(runtime, parameters.peer_timeout),
             topics=topics,
             triggers=TriggerServices(runtime),
             ending=EndingGoals(

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A real action server whose goals end as a test says; also a program, which serves ``wait``."""
+"""A real action server whose goals end as a test says; also a program, which serves ``wait``.
+
+The program, ``scripted``, holds a liveliness token if its arguments have ``token``, and prints a line for each goal and
+each cancel. It ends no goal that is canceled if they have ``stubborn``, and has a service ``held`` that never answers.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,9 @@ from nav2_msgs.action import Wait
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
+from flexbt_common.liveness import LivelinessToken
 from flexbt_common.names import deep_action_services
 from flexbt_common.runtime import NodeRuntime, run_node
 
@@ -154,8 +160,26 @@ class ScriptedActionServer:
 def main() -> int:
     """Serve ``wait`` until the process is stopped."""
 
+    async def never(_request: Any, _response: Any) -> Any:
+        await Future()
+
+    def accept(_goal: Any) -> bool:
+        print('goal', flush=True)
+        return True
+
     def setup(runtime: NodeRuntime) -> None:
-        server = ScriptedActionServer(runtime, Wait, 'wait')
+        server = ScriptedActionServer(runtime, Wait, 'wait', accept=accept)
+
+        def cancel(_handle: ServerGoalHandle) -> CancelResponse:
+            print('cancel', flush=True)
+            if 'stubborn' not in sys.argv:
+                server.end(server.running[-1], 'canceled')
+            return CancelResponse.ACCEPT
+
+        server.on_cancel = cancel
+        if 'token' in sys.argv:
+            LivelinessToken(runtime).set_ready(True)
+        runtime.call(lambda: runtime.node.create_service(Trigger, 'held', never))
         runtime.on_close(server.server.destroy)
         print('ready', flush=True)
 

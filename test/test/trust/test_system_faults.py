@@ -89,6 +89,7 @@ def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe:
     probe.drive_to(*KITCHEN)
     killed = stack.kill(victim)
     probe.wait(lambda: probe.peer_alive(victim) is False, f'{victim} shown as dead')
+    probe.wait(lambda: probe.status.decisions, 'the state that drives has failed: the operator decides')
     assert uncontended_time() - killed < SEEN_AFTER_DEATH
     assert rest_after(probe, killed) < REST_AFTER_DEATH
     assert stack.running() == ROBOT - {victim}
