@@ -48,7 +48,7 @@ MOST_TOKENS: Final = 512
 
 
 class PresenceToken:
-    """Says that ``name`` is there until the runtime is closed. Any number of tokens may have the same name.
+    """Says that ``name`` is there until it or the runtime is closed. Any number of tokens may have the same name.
 
     ``namespace`` is that of the robot which is told, by default the node's own.
     """
@@ -61,13 +61,24 @@ class PresenceToken:
         runtime.call(self._open)
         runtime.on_close(self._leave)
 
+    def close(self) -> None:
+        """Say that it leaves, and nothing any more. On the executor thread."""
+        self._runtime.cancel_on_close(self._leave)
+        self._leave()
+        self._runtime.node.destroy_publisher(self._publisher)
+
     def _open(self) -> None:
         node = self._runtime.node
         matched = PublisherEventCallbacks(matched=lambda _event: self._speak())
         self._publisher = node.create_publisher(
             PeerStatus, self._topic, names.unacknowledged(), event_callbacks=matched
         )
-        self._runtime.repeat_near(WORD_SECONDS, WORD_SECONDS / 10.0, self._speak)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self._word.alive:
+            self._runtime.call_near(self._runtime.steady.now() + WORD_SECONDS, WORD_SECONDS / 10.0, self._go_on)
+            self._speak()
 
     def _speak(self) -> None:
         self._publisher.publish(self._word)

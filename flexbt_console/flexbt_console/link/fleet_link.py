@@ -1,33 +1,61 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robots of the domain, each with an operator link of its own, on one node."""
+"""The robots of the domain, each with an operator link of its own, on one node.
+
+Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` besides those that
+are asked for; they are joined some at a time; each process gets its share of them, so that one with a thousand names
+keeps no other out; of a robot that nobody has opened only the status is heard; and one that is gone is forgotten.
+"""
 
 from __future__ import annotations
 
 import functools
+import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, participant_of
 from flexbt_console.mirror import Fleet, Mirror
 
 from .operator_link import OperatorLink
+
+MOST_ROBOTS: Final = 64
+"""Robots that are joined although nobody has named or opened them, at most."""
+
+JOINED_AT_ONCE: Final = 4
+"""Robots that are joined in one turn of the executor, at most: what an operator does must not wait for more."""
 
 LOOK_SECONDS: Final = 0.5
 LOOK_TOLERANCE: Final = 0.1
 """From one look for robots that have come to the next, s: nobody waits for them."""
 
+LOOK_SHARE: Final = 0.05
+"""Share of the executor's time that looks may take: the more topics there are, the less often it looks."""
+
+NEXT_SECONDS: Final = 0.1
+"""From one look to the next while there are robots still to be joined, s."""
+
+FORGET_SECONDS: Final = 600.0
+"""After which a robot that is gone is forgotten, unless somebody has named or opened it."""
+
 _STATUS_TYPE: Final = 'flexbt_msgs/msg/ExecutiveStatus'
+_ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
+
+
+class _Joined(NamedTuple):
+    mirror: Mirror
+    link: OperatorLink
 
 
 class FleetLink:
     """Joins robots by their namespaces, each with a link of its own; ``fleet`` has their mirrors, made by
     ``make_mirror``.
 
-    With ``only`` they are these; else every robot whose executive is there, and that in the node's own namespace
-    (``own``) if it has one: who gives none need not have a robot there. ``operator`` is as for :class:`OperatorLink`:
-    who sits here is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`. Map and trees come from
-    the robots that are open.
+    With ``only`` they are these; else every robot whose executive is there, up to :data:`MOST_ROBOTS`, and that in the
+    node's own namespace (``own``) if it has one: who gives none need not have a robot there. ``operator`` is as for
+    :class:`OperatorLink`: who sits here is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`.
+    Map and trees come from the robots that are open, and machine, behaviors and log from those that were opened.
     """
 
     def __init__(
@@ -45,13 +73,18 @@ class FleetLink:
         self._make_mirror = make_mirror
         self._operator = operator
         self._scan_period = scan_period
-        self._joined: dict[str, tuple[Mirror, OperatorLink]] = {}
+        self._joined: dict[str, _Joined] = {}
+        self._kept = {self.own, *only}
+        """Those that are never forgotten: they were named, or opened."""
+        self._keeping = threading.Lock()
+        self._owners: dict[str, bytes] = {}
+        """The participant that publishes the statuses of a robot, by its name."""
+        self._gone_since: dict[str, float] = {}
         self._selected = ''
         for name in only or [self.own]:
             runtime.call(functools.partial(self._join if name == '/' and not only else self._list, name))
         if not only:
             runtime.call(self._look)
-            runtime.call(lambda: runtime.repeat_near(LOOK_SECONDS, LOOK_TOLERANCE, self._look))
 
     def robot(self, name: str) -> tuple[Mirror, OperatorLink]:
         """The mirror and the link of a robot. Raises KeyError when it is not known."""
@@ -62,11 +95,15 @@ class FleetLink:
 
         Neither of both on the executor thread.
         """
-        self._joined[name][1].open_surroundings(self._scan_period)
+        with self._keeping:
+            link = self._joined[name].link
+            self._kept.add(name)
+        self._runtime.call(link.hear_all)
+        link.open_surroundings(self._scan_period)
 
     def close(self, name: str) -> None:
         """See :meth:`open`."""
-        self._joined[name][1].close_surroundings()
+        self._joined[name].link.close_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, OperatorLink]:
         """Have one robot open, instead of the one before, and give it. Raises as :meth:`robot`."""
@@ -77,18 +114,85 @@ class FleetLink:
         return self._joined[name]
 
     def _look(self) -> None:
+        began = self._runtime.steady.now()
+        found = self._found()
+        self._note_gone(found)
+        listed = {*self.fleet.names}
+        waiting = [name for name in found if name not in listed]
+        shares = Counter(self._owners[name] for name in listed if name in found and name not in self._kept)
+        joined = 0
+        while waiting and joined < JOINED_AT_ONCE:
+            name = min(waiting, key=lambda one: (one not in self._kept, shares[self._owners[one]], one))
+            if name not in self._kept and not self._has_room(shares, self._owners[name]):
+                break
+            waiting.remove(name)
+            self._list(name)
+            shares[self._owners[name]] += 1
+            joined += 1
+        self.fleet.note_left_out(0 if joined == JOINED_AT_ONCE else len(waiting))
+        now = self._runtime.steady.now()
+        pause = NEXT_SECONDS if waiting and joined else LOOK_SECONDS
+        self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
+
+    def _found(self) -> set[str]:
+        """The names of the robots whose executive is there; updates who publishes for them."""
         node = self._runtime.node
-        ending = f'/{names.EXECUTIVE_STATUS}'
+        owners = {}
         for topic, types in node.get_topic_names_and_types():
-            name = topic.removesuffix(ending) or '/'
-            is_status = topic.endswith(ending) and _STATUS_TYPE in types
-            if is_status and name not in self.fleet.names and node.count_publishers(topic) > 0:
-                self._list(name)
+            if not topic.endswith(_ENDING) or _STATUS_TYPE not in types or node.count_publishers(topic) == 0:
+                continue
+            name = topic.removesuffix(_ENDING) or '/'
+            owner = None if name in self._joined else self._owners.get(name)
+            if owner is None:  # of those that are joined it may be another one by now
+                endpoints = node.get_publishers_info_by_topic(topic)
+                owner = participant_of(bytes(endpoints[0].endpoint_gid)) if endpoints else UNKNOWN_WRITER
+            owners[name] = owner
+        self._owners = owners
+        return {*owners}
+
+    def _has_room(self, shares: Counter[bytes], owner: bytes) -> bool:
+        """Whether one more robot of a participant may be joined; makes room by leaving one that is gone, or else one of
+        the participant with the most."""
+        droppable = [name for name in self.fleet.names if name not in self._kept]
+        if len(droppable) < MOST_ROBOTS:
+            return True
+        if self._gone_since and self._leave(min(self._gone_since, key=self._gone_since.__getitem__)):
+            return True
+        most, count = shares.most_common(1)[0]
+        if count <= shares[owner] + 1:
+            return False
+        name = next((one for one in reversed(droppable) if self._owners.get(one) == most), '')
+        if not name or not self._leave(name):
+            return False
+        shares[most] -= 1
+        return True
+
+    def _note_gone(self, found: set[str]) -> None:
+        """Forget those that are gone for long, or were never heard."""
+        now = self._runtime.steady.now()
+        gone = {name for name in self.fleet.names if name not in found and name not in self._kept}
+        self._gone_since = {name: self._gone_since.get(name, now) for name in gone}
+        for name, since in list(self._gone_since.items()):
+            if now - since >= FORGET_SECONDS or self._joined[name].mirror.view().snapshot is None:
+                self._leave(name)
+
+    def _leave(self, name: str) -> bool:
+        """Forget a robot, unless it was opened meanwhile."""
+        with self._keeping:
+            if name in self._kept:
+                return False
+            left = self._joined.pop(name)
+        self._gone_since.pop(name, None)
+        self.fleet.remove(name)
+        left.link.close()
+        return True
 
     def _join(self, name: str) -> Mirror:
         mirror = self._make_mirror()
-        self._joined[name] = mirror, OperatorLink(self._runtime, mirror, self._operator, name)
+        only_status = name not in self._kept
+        link = OperatorLink(self._runtime, mirror, self._operator, name, only_status=only_status)
+        self._joined[name] = _Joined(mirror, link)
         return mirror
 
     def _list(self, name: str) -> None:
-        self.fleet.add(name, self._joined[name][0] if name in self._joined else self._join(name))
+        self.fleet.add(name, self._joined[name].mirror if name in self._joined else self._join(name))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 import uuid
 from collections.abc import Callable, Sequence
@@ -114,16 +113,26 @@ class OperatorLink:
     executive's subscription is discovered, and again with the same identifier until there is an answer.
     """
 
-    def __init__(self, runtime: NodeRuntime, mirror: Mirror, operator: str | None = '', namespace: str = '') -> None:
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        mirror: Mirror,
+        operator: str | None = '',
+        namespace: str = '',
+        *,
+        only_status: bool = False,
+    ) -> None:
         """Join the topics; ``mirror`` has to live on the runtime's steady clock, ``operator`` is who sits here.
 
         None is an observer: nobody is present by it, and it cannot give commands, as if it were not allowed to.
-        ``namespace`` is that of the robot, by default the node's own.
+        ``namespace`` is that of the robot, by default the node's own. With ``only_status`` nothing else is heard of it
+        until :meth:`hear_all`: one among many robots costs little, whatever it sends.
         """
+        self._only_status = only_status
+        self._is_closed = False
         self._namespace = namespace
         self._operator = operator
         self._synthesis: SynthesisQuery | None = None
-        self._opening = threading.Lock()  # the executor never takes it: it may be waited for meanwhile
         self._surroundings: SurroundingsLink | None = None
         self._surrounded = 0
         self._status_topic = self._topic(names.EXECUTIVE_STATUS)
@@ -147,12 +156,35 @@ class OperatorLink:
         mirror.add_listener(self._note_change)
         runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive sees by this whether anybody watches, and whether the holder of the authority does.
-        if operator is not None:
-            PresenceToken(runtime, operator, namespace)
+        self._presence = PresenceToken(runtime, operator, namespace) if operator is not None else None
+
+    def close(self) -> None:
+        """Leave the topics: neither hear this robot nor command it any more. On the executor thread."""
+        node = self._runtime.node
+        self._is_closed = True
+        self._leave_picture()
+        node.destroy_subscription(self._pongs.subscription)
+        node.destroy_subscription(self._guards.subscription)
+        node.destroy_publisher(self._pings)
+        if self._resend is not None:
+            self._resend.cancel()
+            self._resend = None
+        if self._presence is not None:
+            self._presence.close()
+            node.destroy_publisher(self._stops)
+            node.destroy_publisher(self._commands)
+
+    def hear_all(self) -> None:
+        """Hear what the executive sends beside its status, too, from now on. On the executor thread."""
+        if self._only_status:
+            self._only_status = False
+            self._hear_picture()
 
     def send(self, command: Command, timeout: float, label: str = '') -> TrackedCommand:
         """Give a command, called ``label``, to the executive; its fate is followed by the mirror. From any thread."""
         tracked = self._mirror.give(command, timeout, label)
+        if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
+            self._publish(command)
         self._runtime.post(self._send_due)
         return tracked
 
@@ -257,29 +289,38 @@ class OperatorLink:
         """
         from .surroundings_link import SurroundingsLink  # what only this needs
 
-        with self._opening:
+        def open() -> None:
             if self._surroundings is None:
                 self._surroundings = SurroundingsLink(self._runtime, self._mirror, self._namespace, scan_period)
             self._surrounded += 1
 
+        self._runtime.call(open)
+
     def close_surroundings(self) -> None:
         """See :meth:`open_surroundings`."""
-        with self._opening:
+
+        def close() -> None:
             self._surrounded -= 1
             if self._surrounded == 0 and self._surroundings is not None:
                 link, self._surroundings = self._surroundings, None
                 link.close()
                 self._mirror.forget_surroundings()
 
+        self._runtime.call(close)
+
     def _synthesis_query(self) -> SynthesisQuery:
         from .synthesis_query import SynthesisQuery  # what only this command needs
 
         if self._operator is None:
             raise RefusedError('an observer has nothing made; leave --observer out')
-        with self._opening:
+        operator = self._operator
+
+        def query() -> SynthesisQuery:
             if self._synthesis is None:
-                self._synthesis = SynthesisQuery(self._runtime, self._namespace, self._operator)
+                self._synthesis = SynthesisQuery(self._runtime, self._namespace, operator)
             return self._synthesis
+
+        return self._runtime.call(query)
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
@@ -292,16 +333,16 @@ class OperatorLink:
             node, StopGuardStatus, guard, names.latched(LIST_DEPTH), self._on_guard, GUARD_BYTES
         )
         pong = names.of_robot(self._namespace, names.EXECUTIVE_PONG)
-        ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
+        self._pongs = ReceivedMessages(node, Header, pong, names.unacknowledged(), self._on_pong, PONG_BYTES)
         if gives_commands:
             self._open_commands()
 
     def _hear_picture(self) -> None:
         """Have the status come, and what the executive tells beside it: once more, if it has come before."""
+        if self._is_closed:
+            return
         node = self._runtime.node
-        for one in self._picture:
-            node.destroy_subscription(one.subscription)
-        self._picture.clear()
+        self._leave_picture()
         # What wakes the executor together is handled in this order: a state tells something, and then wants something.
         for type, topic, convert, receive, depth in (
             (
@@ -325,7 +366,9 @@ class OperatorLink:
         ):
             topic = self._topic(topic)
             on_message = self._forward(type, topic, convert, receive)
-            self._picture.append(ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES))
+            if not self._only_status:
+                messages = ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
+                self._picture.append(messages)
         self._statuses = ReceivedMessages(
             node,
             ExecutiveStatus,
@@ -336,6 +379,11 @@ class OperatorLink:
             event_callbacks=SubscriptionEventCallbacks(matched=self._on_status_matched),
         )
         self._picture.append(self._statuses)
+
+    def _leave_picture(self) -> None:
+        for one in self._picture:
+            self._runtime.node.destroy_subscription(one.subscription)
+        self._picture.clear()
 
     def _open_commands(self) -> None:
         commands = names.command()
@@ -446,11 +494,14 @@ class OperatorLink:
 
     def _send_due(self) -> None:
         for command in self._mirror.due_commands(self._reachable):
-            message = command_message(command, time.time())
-            if command.kind is CommandKind.STOP:  # it has a way of its own beside, which no flood of commands fills
-                self._stops.publish(message)
-            self._commands.publish(message)
+            self._publish(command)
         self._plan_resend()
+
+    def _publish(self, command: Command) -> None:
+        message = command_message(command, time.time())
+        if command.kind is CommandKind.STOP:  # it has a way of its own beside, which no flood of commands fills
+            self._stops.publish(message)
+        self._commands.publish(message)
 
     def _plan_resend(self) -> None:
         if self._resend is not None:

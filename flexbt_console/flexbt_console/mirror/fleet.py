@@ -70,13 +70,27 @@ class Fleet:
         self._lock = threading.Lock()
         self._mirrors: dict[str, Mirror] = {}
         self._listeners: list[Callable[[], None]] = []
+        self.left_out = 0
+        """Robots that were found and are not among these; see :meth:`note_left_out`."""
 
     def add(self, name: str, mirror: Mirror) -> None:
-        """Take a robot in. It stays, also when it is not heard any more: somebody has to see that."""
+        """Take a robot in. It stays until :meth:`remove`, also when it is not heard: somebody has to see that."""
         with self._lock:
             self._mirrors[name] = mirror
         mirror.add_listener(lambda change: self._tell())
         self._tell()
+
+    def remove(self, name: str) -> None:
+        """Forget a robot. Harmless when it is not known."""
+        with self._lock:
+            self._mirrors.pop(name, None)
+        self._tell()
+
+    def note_left_out(self, count: int) -> None:
+        """This many robots were found that are not taken in, since there are too many."""
+        if count != self.left_out:
+            self.left_out = count
+            self._tell()
 
     def add_listener(self, listener: Callable[[], None]) -> None:
         """Call ``listener`` after each change of any robot, on the thread that brought it."""
@@ -96,7 +110,9 @@ class Fleet:
 
     def overview(self) -> list[RobotOverview]:
         """The robots, the most urgent first; of the same urgency, who has waited longest."""
-        robots = [overview_of(name, self.mirror(name).view()) for name in self.names]
+        with self._lock:
+            mirrors = sorted(self._mirrors.items())
+        robots = [overview_of(name, mirror.view()) for name, mirror in mirrors]
         return sorted(robots, key=lambda one: (one.urgency, -one.seconds))
 
     def _tell(self) -> None:

@@ -381,6 +381,11 @@ def robot_line(robot: RobotOverview) -> str:
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
 
 
+def left_out_text(count: int) -> list[str]:
+    """Tell how many robots were found that are not listed; nothing when all are."""
+    return [f'{count} more not listed; name one with --namespace'] if count else []
+
+
 def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
     """A transition, or what became of somebody's command."""
     stamp = f'{stamp_text(event.stamp)}  ' if with_time else ''

@@ -21,7 +21,14 @@ from flexbt_common import names
 from flexbt_common.runtime import UNKNOWN_WRITER, NodeRuntime, Received, reports_writers
 from flexbt_console.commands import CommandBuilder
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
-from flexbt_console.link import FleetLink, OperatorLink, SimulatorLink, executive_sender, interface_problem
+from flexbt_console.link import (
+    FleetLink,
+    OperatorLink,
+    SimulatorLink,
+    executive_sender,
+    fleet_link,
+    interface_problem,
+)
 from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_console.mirror import (
     AutonomyLevel,
@@ -47,6 +54,64 @@ from flexbt_msgs.msg import (
 from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
+
+
+def test_a_process_with_many_names_keeps_no_other_robot_out_and_is_forgotten(
+    executives: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet_link, 'MOST_ROBOTS', 6)
+    with NodeRuntime.open('console') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+
+        def known() -> set[str]:
+            return {*robots.fleet.names}
+
+        with NodeRuntime.open('forger') as forger:
+            node, kind = forger.node, ExecutiveStatus
+            for number in range(20):
+                topic = f'/forged{number}/{names.EXECUTIVE_STATUS}'
+                status = kind(executive_id=str(number), sequence=1, heartbeat_period=1.0)
+                forger.call(partial(node.create_publisher, kind, topic, names.latched())).publish(status)
+            wait_until(lambda: len(known()) == 6 and robots.fleet.left_out == 14, 'as many as there may be')
+            robot = executives('robot')
+            wait_until(lambda: '/robot' in known(), 'the robot')
+            assert len(known()) == 6
+            assert robots.robot('/robot')[1].live_view(DEADLINE)
+            chosen = next(iter(known() - {'/robot'}))
+            robots.select(chosen)
+        monkeypatch.setattr(fleet_link, 'FORGET_SECONDS', 0.0)
+        wait_until(lambda: known() == {'/robot', chosen}, 'only who is there, and who was chosen')
+        joined = runtime.node.get_subscriber_names_and_types_by_node('console', '/')
+        robots_heard = {topic.split('/')[1] for topic, _ in joined if topic.startswith('/forged')}
+        assert robots_heard == {chosen.strip('/')}
+        assert not robot.received
+
+
+def test_of_a_robot_that_nobody_has_opened_only_the_status_is_heard(executives: Any) -> None:
+    executives('robot').do(lambda: None)
+    with NodeRuntime.open('console') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+        wait_until(lambda: '/robot' in robots.fleet.names, 'the robot')
+        mirror, link = robots.robot('/robot')
+        assert link.live_view(DEADLINE).behaviors is None
+        assert not runtime.node.get_subscriptions_info_by_topic('/robot/executive/behaviors')
+        robots.open('/robot')
+        wait_until(lambda: mirror.view().behaviors is not None, 'the behaviors')
+
+
+def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executives: Any) -> None:
+    robot, free = executives('robot'), threading.Event()
+    with NodeRuntime.open('console', namespace='/robot') as runtime:
+        link = OperatorLink(runtime, Mirror(runtime.steady), 'ann')
+        view = link.live_view(DEADLINE)
+        node = runtime.node
+        wait_until(lambda: node.count_subscribers('/robot/executive/command') > 0, 'the executive listens')
+        runtime.post(lambda: free.wait(DEADLINE))
+        try:
+            link.send(CommandBuilder('ann').command(view, CommandKind.STOP), DEADLINE)
+            wait_until(lambda: robot.received, 'the STOP')
+        finally:
+            free.set()
 
 
 def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executives: Any) -> None:

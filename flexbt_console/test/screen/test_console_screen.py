@@ -813,6 +813,37 @@ def test_keys_typed_at_once_behind_the_choice_of_a_robot_are_for_that_robot() ->
     on_screen(robots.robots['/robot00'], type_quickly, robots=robots)
 
 
+def test_a_stop_is_sent_when_its_key_is_read_and_not_when_the_screen_gets_to_it() -> None:
+    robots = FakeRobots(2)
+    here, there = (robots.robots[name].link for name in ('/robot00', '/robot01'))
+
+    async def busy(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        async def handled(*keys: str) -> None:
+            for key in keys:
+                app.post_message(events.Key(key, '!' if key == 'exclamation_mark' else None))
+            await pilot.pause()
+
+        for key in ('f8', 'exclamation_mark'):
+            app.key_read(key)  # on the thread of the terminal, while this one does something else
+            assert here.kinds == [CommandKind.STOP]
+            await handled(key)
+            assert here.kinds == [CommandKind.STOP]  # and not once more
+            here.sent.clear()
+        app.key_read('colon')
+        app.key_read('exclamation_mark')  # may be for the line that the key before opens
+        assert not here.sent
+        await handled('colon', 'exclamation_mark')
+        assert not here.sent
+        await pilot.press('escape')
+        for key in ('o', 'down', 'enter', 'f8'):
+            app.key_read(key)
+        assert (here.kinds, there.kinds) == ([CommandKind.STOP], [])
+        await handled('o', 'down', 'enter', 'f8')
+        assert (here.kinds, there.kinds) == ([CommandKind.STOP], [CommandKind.STOP])  # who was gone to is stopped, too
+
+    on_screen(robots.robots['/robot00'], busy, robots=robots)
+
+
 def test_what_comes_from_the_network_is_escaped() -> None:
     robot = Robot()
     hostile = '\x1b[2Jhidden\r\n[red]loud[/red]\u202e'

@@ -10,10 +10,10 @@ from typing import Final, TypeVar
 
 from flexbt_console.errors import ExitCode, NoLinkError
 from flexbt_console.mirror import Fleet
-from flexbt_console.present import coloured, encode_json, has_colours, robot_line, robots_json
+from flexbt_console.present import coloured, encode_json, has_colours, left_out_text, robot_line, robots_json
 from flexbt_core.clock import Clock
 
-from .waiting import told_wait
+from .waiting import tell_progress, told_wait
 
 T = TypeVar('T')
 
@@ -57,6 +57,8 @@ def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) ->
     colours = has_colours(sys.stdout)
     lines = [coloured(robot_line(one), colours) for one in robots]
     print(encode_json(robots_json(robots)) if as_json else '\n'.join(lines), flush=True)
+    for text in left_out_text(fleet.left_out):
+        tell_progress(text)
     return ExitCode.OK
 
 

@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import shlex
 import threading
 import traceback
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
@@ -181,6 +184,9 @@ class OperatorScreen(OrderedApp):
         self._drawn: View | None = None
         self._ageing: asyncio.TimerHandle | None = None
         self._is_quitting = False
+        self._keys_waiting = 0
+        self._stopped: deque[tuple[Mirror, str]] = deque()
+        """The STOPs that were sent when their keys were read, until these have their turn; each with its robot."""
 
     def get_driver_class(self) -> type[Driver]:
         """See :class:`textual.app.App`."""
@@ -233,6 +239,30 @@ class OperatorScreen(OrderedApp):
     def _view(self) -> View:
         """The picture, with the decision first to which the operator has turned."""
         return self._station.mirror.view().turned_to(self._turned_to)
+
+    def key_read(self, key: str) -> None:
+        """See :class:`.ordered_app.OrderedApp`. A STOP is sent at once, however busy the screen is.
+
+        F8 stops the robot on the screen, whatever is open but the list of robots, where another one may be marked; "!"
+        does when nothing is open and no key waits that may open something. When the key has its turn, another robot may
+        be on the screen: then that is stopped, too.
+        """
+        is_alone, self._keys_waiting = self._keys_waiting == 0, self._keys_waiting + 1
+        if is_alone:
+            self._stopped.clear()
+        takes_keys = is_alone and len(self.screen_stack) == 1 and not self._line.is_open
+        if (key == 'f8' and not isinstance(self.screen, Overview)) or (key == 'exclamation_mark' and takes_keys):
+            station, view = self._station, self._station.mirror.view()
+            with contextlib.suppress(Exception):  # it is told when the key has its turn
+                done = carry_out(interpret('stop', view, station.make, Bound(None)), view, station)
+                if isinstance(done, Command):
+                    self._stopped.append((station.mirror, done.id))
+
+    async def on_event(self, event: events.Event) -> None:
+        """See :class:`.ordered_app.OrderedApp`."""
+        await super().on_event(event)
+        if isinstance(event, events.Key):
+            self._keys_waiting = max(0, self._keys_waiting - 1)
 
     def touched(self) -> None:
         """Every key counts as dealing with the decision on the screen."""
@@ -338,6 +368,12 @@ class OperatorScreen(OrderedApp):
             self.pop_screen()
             self.switch(name)
         view = self._view()
+        if action == 'stop' and self._stopped:
+            mirror, command_id = self._stopped.popleft()
+            self._sent.add(mirror, command_id)
+            if mirror is self._station.mirror:
+                self._wake()
+                return
         if action == 'confirm':
             self._panes.picking.pressed()
         if why := key.blocked(view):
@@ -534,7 +570,7 @@ class OperatorScreen(OrderedApp):
     def _do_robots(self, key: Key, view: View) -> None:
         if self._robots is None:
             raise RefusedError('there is one robot here')
-        self.open(Overview(self._robots.fleet.overview, self._robot), self.switch)
+        self.open(Overview(self._robots.fleet, self._robot), self.switch)
 
     def switch(self, name: str) -> None:
         """Go to another robot: all panes show it, and all commands are for it."""

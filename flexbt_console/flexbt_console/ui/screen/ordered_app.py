@@ -35,6 +35,9 @@ class OrderedApp(App[None]):
         """Tell what was refused, or what is a fault."""
         raise NotImplementedError
 
+    def key_read(self, key: str) -> None:
+        """A key was read, and waits for its turn from now on; on the thread that reads the terminal."""
+
     def touched(self) -> None:
         """A key was pressed, whatever it is for."""
 

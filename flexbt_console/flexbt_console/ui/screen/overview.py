@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
 from typing import ClassVar, Final
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 
-from flexbt_console.mirror import RobotOverview
+from flexbt_console.mirror import Fleet, RobotOverview
 from flexbt_console.pictures import cut, window
-from flexbt_console.present import Line, Tone, robot_line, tone_of
+from flexbt_console.present import Line, Tone, left_out_text, robot_line, tone_of
 
 from .dialogs import FindField
 from .panes import Pane, styled
@@ -50,9 +49,10 @@ class Overview(ModalScreen[str | None]):
         ),
     ]
 
-    def __init__(self, robots: Callable[[], Sequence[RobotOverview]], own: str) -> None:
+    def __init__(self, fleet: Fleet, own: str) -> None:
         super().__init__()
-        self._robots = robots
+        self._fleet = fleet
+        self._robots = fleet.overview
         self._own = own
         self._marked = own
         self._filtered_by = ''
@@ -98,7 +98,9 @@ class Overview(ModalScreen[str | None]):
         for field in self.query(FindField):  # not yet, or not any more, when it is drawn while it opens or closes
             robots, columns, rows = self._filter(), self.size.width, self.size.height
             needing = sum(one.needs_operator for one in self._robots())
-            field.placeholder = cut(f' robots: {len(robots)}  need you: {needing}  (type to find)', columns - 1)
+            left_out = ''.join(f'  {text}' for text in left_out_text(self._fleet.left_out))
+            head = f' robots: {len(robots)}  need you: {needing}{left_out}  (type to find)'
+            field.placeholder = cut(head, columns - 1)
             lines: list[str] = []
             place = 0
             for number, robot in enumerate(robots):

@@ -13,10 +13,12 @@ import time
 from collections.abc import Iterable
 from typing import Any, Final
 
-from textual import constants
+from textual import constants, events
 from textual._xterm_parser import XTermParser
 from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
+
+from .ordered_app import OrderedApp
 
 LOOK_SECONDS: Final = 0.1
 """From one look to the next at whether a sequence of a key, which has begun, is none."""
@@ -58,6 +60,8 @@ class TerminalDriver(LinuxDriver):
 
     def _pass_on(self, messages: Iterable[Message]) -> None:
         for message in messages:
+            if isinstance(message, events.Key) and isinstance(self._app, OrderedApp):
+                self._app.key_read(message.key)
             self.process_message(message)
 
     def _sigcont_application(self, *args: object) -> None:
