@@ -21,7 +21,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -177,6 +177,21 @@ def watch_locks_if_asked() -> None:
     """As :func:`watch_locks`, in a process that was started by one which looks for problems."""
     if DIRECTORY in os.environ:
         watch_locks()
+
+
+@contextmanager
+def unwatched_locks() -> Iterator[None]:
+    """Leave the locks alone that are made in this context: where a signal may raise at any point of the code.
+
+    Python takes a lock of its own, and enters the block of the ``with``, in one piece; a watched one it does not.
+    """
+    watched = threading.Lock, threading.RLock, threading.Condition
+    threading.Lock, threading.RLock = _REAL_LOCK, _REAL_RLOCK
+    threading.Condition = _REAL_CONDITION  # type: ignore[misc]
+    try:
+        yield
+    finally:
+        threading.Lock, threading.RLock, threading.Condition = watched  # type: ignore[misc]
 
 
 def take_problems() -> Iterator[str]:

@@ -51,6 +51,7 @@ from flexbt_msgs.msg import (
     Place,
     PlaceList,
 )
+from flexbt_testing.lock_order import unwatched_locks
 from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
@@ -366,7 +367,7 @@ def test_a_signal_that_raises_can_come_at_any_point_of_a_wait() -> None:
     main = threading.main_thread().ident
     assert main is not None
     before = signal.signal(signal.SIGUSR2, interrupt)
-    with station('interrupted') as operator, ThreadPoolExecutor() as pool:
+    with unwatched_locks(), station('interrupted') as operator, ThreadPoolExecutor() as pool:
 
         def change() -> None:
             while not is_over.is_set():

@@ -34,6 +34,8 @@ AVAILABLE: Final = hasattr(os, 'pidfd_open')
 """Whether there is what it stands on: Linux."""
 
 _MAX_REQUEST: Final = 1_000_000
+_NODES: Final = ('flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
+"""Where the modules are whose programs no signal interrupts: their locks are watched."""
 _READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
 """What the names of such variables begin with. A process reads the others when it needs them, as ROS_DOMAIN_ID."""
 
@@ -208,7 +210,8 @@ def main() -> int:
     """Load the modules and serve; a fork runs the ``main()`` of its module, and gives its exit code."""
     descriptor, first, *others = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    watch_locks_if_asked()
+    if first.startswith(_NODES):
+        watch_locks_if_asked()
     load(first)
     gc.disable()  # as `load` does
     for name in others:
