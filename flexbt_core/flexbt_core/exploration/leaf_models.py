@@ -85,6 +85,10 @@ LIMITERS: Final = frozenset(
 """Decorators that let their child begin only so often, which makes a difference only where they are ticked again."""
 
 
+LISTENERS: Final = frozenset(('GoalUpdated', 'GlobalUpdatedGoal'))
+"""Conditions on what has changed since they were asked before: asked once, at a beginning, they hear nothing."""
+
+
 def leaf_model(definition: NodeDefinition) -> LeafModel:
     """What stands for a node of which no more is known than its class, its ports and its skill."""
     manifest = definition.manifest

@@ -113,7 +113,7 @@ _WIRED: Final = {
     MachineEnvironment: frozenset(('choices', 'answers', 'begun', 'found')),
     MachineMonitor: frozenset(('resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
     Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
-    ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', 'skill')),
+    ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', '_made_with', 'skill')),
     LeafRun: frozenset(('_engine', 'definition', 'path', '_input_keys', '_output_keys')),
     ContainerRun: frozenset(
         (
@@ -183,10 +183,10 @@ class MachineSystem:
         self._parameters = {
             node.path: parameters_of(node.state) for node in definition.nodes() if isinstance(node, StateDefinition)
         }
-        self._defaults = {
-            node.path: defaults
+        self._given_userdata = {
+            node.path: values
             for node in definition.nodes()
-            if isinstance(node, MachineDefinition) and (defaults := plain_values(node.defaults))
+            if isinstance(node, MachineDefinition) and (values := plain_values(node.defaults))
         }
         self._states = {node.path: node for node in self._definition.nodes() if isinstance(node, StateDefinition)}
         self._observer = _Observer(self)
@@ -449,7 +449,7 @@ class MachineSystem:
 
     def asked(self) -> Mapping[str, tuple[str, ...]]:
         """When it begins, the userdata that machines are given."""
-        return self._defaults if self._is_starting else {}
+        return self._given_userdata if self._is_starting else {}
 
     def handed_over(self) -> Mapping[str, str]:
         return {}

@@ -189,7 +189,7 @@ class Report:
     @property
     def is_proof(self) -> bool:
         """Whether everything was followed: what comes after something wrong is not known. What never happens is."""
-        never = (Property.REACHABLE, Property.LIMITS)
+        never = (Property.REACHABLE, Property.LIMITS, Property.LISTENS)
         return self.is_complete and all(one.violation.property in never for one in self.counterexamples)
 
     @property

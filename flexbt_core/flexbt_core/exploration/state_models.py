@@ -171,10 +171,15 @@ class ModelState(EventState):
         self.result: str | None = None
         self.skill = Skill.of(resources=sorted(model.resources))
         self._type_name = state.type_name
+        self._made_with = state.made_with
 
     @property
     def type_name(self) -> str:
         return self._type_name
+
+    @property
+    def made_with(self) -> Mapping[str, str]:
+        return self._made_with
 
     @property
     def results(self) -> tuple[str, ...]:

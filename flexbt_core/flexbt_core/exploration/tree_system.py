@@ -29,6 +29,7 @@ from .choices import Choices
 from .configuration import Configuration, Layout, Memory
 from .leaf_models import (
     LIMITERS,
+    LISTENERS,
     Environment,
     LeafModels,
     ModelAction,
@@ -135,6 +136,11 @@ def _is_unlimited(node: Any) -> bool:
         return False  # not written yet, or no number: the tick that needs it tells
 
 
+def _goes_on_for_ever(node: TreeNode) -> bool:
+    """Whether a node is there to begin its child again and again, until it fails or is stopped."""
+    return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
+
+
 class TreeSystem:
     """A tree on a clock of its own.
 
@@ -186,6 +192,8 @@ class TreeSystem:
         self._tree.observe(self._note_status)
         self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
+        self._listeners = [node for node in self._tree.nodes if isinstance(node, ModelInstant) and node.id in LISTENERS]
+        self._heard: set[int] = set()
         monitor.begins(self._tree)
         self._questions: list[tuple[str, Entry, tuple[Any, ...]]] = []
         self.given = self._give(set(given), scripts)
@@ -449,11 +457,13 @@ class TreeSystem:
         return frozenset(node.path for node in self._tree.nodes)
 
     def promised(self) -> frozenset[str]:
-        """All nodes, and success: a node that nothing can ever tick is dead. The tree need not be able to fail."""
-        return self.coverable() | {SUCCEEDS}
+        """All nodes, and success unless the tree says that it goes on for ever: a node that nothing can ever tick is
+        dead. The tree need not be able to fail."""
+        return self.coverable() if any(map(_goes_on_for_ever, self._tree.nodes)) else self.coverable() | {SUCCEEDS}
 
     def idle(self) -> Iterable[Violation]:
-        """The decorators that limit how often their child begins, and never kept it from that."""
+        """Decorators that limit how often their child begins, and never kept it from that; and conditions on what has
+        changed that are only asked where nothing works that a change could end."""
         for node in self._limiters:
             if node.uid not in self._withheld:
                 text = (
@@ -461,6 +471,13 @@ class TreeSystem:
                     'so the child is done once'
                 )
                 yield Violation(Property.LIMITS, node.path, text)
+        for listener in self._listeners:
+            if listener.uid in self._ticked and listener.uid not in self._heard:
+                text = (
+                    f'{listener.path} is asked only before something works: what changes meanwhile is not heard, as it '
+                    'would be below a ReactiveFallback or ReactiveSequence'
+                )
+                yield Violation(Property.LISTENS, listener.path, text)
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
@@ -476,6 +493,7 @@ class TreeSystem:
 
     def _tick(self) -> None:
         tree, environment = self._tree, self._environment
+        working = [path for path, action in environment.open.items() if action.result is None]
         tree.take_wake()
         try:
             status = tree.tick_once()
@@ -493,6 +511,8 @@ class TreeSystem:
         for node in self._limiters:
             if node.status is RUNNING and node.child.status is not RUNNING:
                 self._withheld.add(node.uid)
+        if any(path in environment.open for path in working):
+            self._heard.update(node.uid for node in self._listeners if node.path in environment.asked)
         if status is not RUNNING:
             environment.events.append(f'the tree ends: {status.name}')
             self._halt(status.name)

@@ -17,6 +17,7 @@ class Property(Enum):
     NO_DEADLOCK = 'something can always happen'
     REACHABLE = 'every outcome and state of a machine, and every node and the success of a tree, can be reached'
     LIMITS = 'what limits how often something begins makes it wait at some time'
+    LISTENS = 'what hears of a change is asked while something works'
     CAN_END = 'it can always still end'
     APPROVAL = 'nothing happens without the approval that it needs'
     BALANCED = 'what is entered is left, once'
@@ -38,7 +39,10 @@ class Property(Enum):
 
 
 _OF_WHAT_CANNOT_FOLLOW = frozenset(
-    (Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE, Property.LIMITS, Property.RECOVERY, Property.POSSIBLE)
+    (
+        *(Property.NO_DEADLOCK, Property.CAN_END, Property.REACHABLE, Property.LIMITS, Property.LISTENS),
+        *(Property.RECOVERY, Property.POSSIBLE),
+    )
 )
 
 

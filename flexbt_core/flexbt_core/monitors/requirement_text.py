@@ -15,7 +15,8 @@ Text                                         What is required
 ``after EVENT, EVENT before the end``        it follows, unless the run is stopped (``, up to 3 times``: or has come so
                                              often: further attempts)
 ``A never while B``                          these states, or leaves, do not work at the same time
-``A works only while C holds``               a condition is asked, and holds, as long as a leaf works (of a tree)
+``A works only while C holds``               a condition is asked, and holds (or ``fails``), as long as a leaf works
+                                             (of a tree)
 ``EVENT only with KEY and KEY written``      userdata was written, and is no default (of a machine; proved only)
 ``EVENT is always still possible``           there is always a way to it (proved only)
 ``NAME is a TYPE``                           a leaf, another node, or a state is of this type
@@ -93,6 +94,7 @@ _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     ),
     (r'after (.+) comes (.+)', lambda event, allowed: After(event, tuple(_parts(allowed, 'or')))),
     (r'(.+) works only while (.+) holds', While),
+    (r'(.+) works only while (.+) fails', lambda works, condition: While(works, condition, holds=False)),
     (r'(.+) never while (.+)', Apart),
     (r'(.+) is always still possible', Possible),
 )
@@ -209,15 +211,17 @@ def machine_vocabulary(machine: MachineDefinition) -> Vocabulary:
 
 
 def machine_parts(machine: MachineDefinition) -> Parts:
-    """What the machine is made of: its states and machines, with the keys that theirs stand for; and the transitions,
-    ``/Path > outcome``, with the ``autonomy`` that they require."""
+    """What the machine is made of: its states and machines, with the keys that theirs stand for and what states were
+    made with, such as their ``tree``; and the transitions, ``/Path > outcome``, with the ``autonomy`` that they
+    require."""
     found: dict[str, list[Part]] = {}
     for node in machine.nodes():
         if node is machine:
             continue
         owner = node if isinstance(node, MachineDefinition) else node.state
         keys = {key: f'{{{node.remap.get(key, key)}}}' for key in (*owner.input_keys, *owner.output_keys)}
-        found[node.path] = [Part(owner.type_name, keys)]
+        made_with = {} if isinstance(node, MachineDefinition) else node.state.unwrapped.made_with
+        found[node.path] = [Part(owner.type_name, {**made_with, **keys})]
         for outcome, way in node.transitions.items():
             level = AUTONOMY_NAMES.get(way.autonomy, '')
             found[f'{node.path} > {outcome}'] = [Part('transition', {'autonomy': level} if level else {})]

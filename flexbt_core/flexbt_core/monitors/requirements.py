@@ -101,13 +101,14 @@ class Apart:
 
 @dataclass(frozen=True)
 class While:
-    """As long as the leaf ``works``, the ``condition`` is asked in each tick, and holds."""
+    """As long as the leaf ``works``, the ``condition`` is asked in each tick, and ``holds``, or else fails."""
 
     works: str
     condition: str
+    holds: bool = True
 
     def __str__(self) -> str:
-        return f'{self.works} works only while {self.condition} holds'
+        return f'{self.works} works only while {self.condition} {"holds" if self.holds else "fails"}'
 
 
 @dataclass(frozen=True)
@@ -252,12 +253,15 @@ class Requirements:
             if any(one.one in first and one.other in second for first, second in permutations(working, 2)):
                 self._tell(one, one.one, f'{one.one} works while {one.other} does')
 
-    def unguarded(self, working: Sequence[Sequence[str]], holding: Collection[str]) -> None:
-        """After a tick: leaves that work, each with all its names, and the conditions that were asked in it and all
-        held."""
+    def unguarded(self, working: Sequence[Sequence[str]], holding: Collection[str], failing: Collection[str]) -> None:
+        """After a tick: leaves that work, each with all its names, and the conditions that were asked in it, by those
+        that held and those that failed."""
         for one in self.whiles:
-            if any(one.works in names for names in working) and one.condition not in holding:
-                self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or does not hold')
+            wanted, unwanted = (holding, failing) if one.holds else (failing, holding)
+            is_so = one.condition in wanted and one.condition not in unwanted
+            if any(one.works in names for names in working) and not is_so:
+                does = 'does not hold' if one.holds else 'holds'
+                self._tell(one, one.works, f'{one.works} works on, and {one.condition} was not asked, or {does}')
 
     def rests(self, is_paused: bool) -> None:
         """Whether something is overdue. Time in which the run is paused does not count for that; of
@@ -365,7 +369,16 @@ def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
         types = {part.type for part in parts if port in part.values}
         if (parts and not given) or any(part.type in types and port not in part.values for part in parts):
             yield f'{one.name} is given no {port}'
-        yield from (f'{one.name} has {port}={shown(other)}' for other in given if ' '.join(other.split()) != text)
+        yield from (f'{one.name} has {port}={shown(other)}' for other in given if not _is_same(other, text))
+
+
+def _is_same(given: str, text: str) -> bool:
+    """Whether both texts say the same: numbers may be written in several ways."""
+    given = ' '.join(given.split())
+    try:
+        return given == text or float(given) == float(text)
+    except ValueError:
+        return False
 
 
 def violation_of(requirement: Requirement, where: str, what: str) -> Violation:

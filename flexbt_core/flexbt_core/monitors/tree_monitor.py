@@ -279,7 +279,7 @@ class TreeMonitor:
             for status in (SUCCESS, FAILURE)
         )
         requirements.works(working)
-        requirements.unguarded(working, holding - failing)
+        requirements.unguarded(working, holding, failing)
         requirements.rests(self._tree.context.paused)
         self._answers.clear()
         if status is not RUNNING:

@@ -24,8 +24,10 @@ from .authoring import (
     with_timeout,
 )
 from .checks import (
+    LostWrite,
     Race,
     Read,
+    lost_writes,
     races,
     unsure_reads,
 )
@@ -107,6 +109,7 @@ __all__ = [
     'HeldBack',
     'LeafRun',
     'LoggingObserver',
+    'LostWrite',
     'Machine',
     'MachineDefinition',
     'MachineError',
@@ -135,6 +138,7 @@ __all__ = [
     'called_state',
     'define',
     'is_inside',
+    'lost_writes',
     'position_of',
     'races',
     'read_machine',

@@ -41,6 +41,7 @@ TEXTS: dict[str, Requirement] = {
     'after /A > failed, /A before the end, up to 3 times': Within('/A > failed', '/A', times=3),
     '/A never while /B': Apart('/A', '/B'),
     'Drive to dock works only while Is clear holds': While('Drive to dock', 'Is clear'),
+    'Spin works only while GoalUpdated fails': While('Spin', 'GoalUpdated', holds=False),
     '=ended only with x and y written': Written('=ended', ('x', 'y')),
     '=ended is always still possible': Possible('=ended'),
     'dock is a Dock': IsA('dock', 'Dock'),

@@ -18,6 +18,16 @@ DEAD_OUTCOME: Final = Rule('dead-outcome', Severity.WARNING, 'an outcome of a ma
 ENDLESS_LOOP: Final = Rule('endless-loop', Severity.WARNING, 'a loop that waits for nothing: operator, time or world')
 UNSURE_READ: Final = Rule('unsure-read', Severity.WARNING, 'userdata is read that is not written on every way there')
 WRITE_RACE: Final = Rule('write-race', Severity.WARNING, 'userdata that several states write at the same time')
+LOST_WRITE: Final = Rule('lost-write', Severity.WARNING, 'userdata is written in a machine that does not hand it out')
+UNHEARD: Final = Rule(
+    'unheard-failure', Severity.WARNING, 'the failure of a child of a concurrency container, of which no condition is'
+)
+CROSSED_WAYS: Final = Rule(
+    'crossed-ways', Severity.WARNING, 'success leads where failure should, and the other way round'
+)
+OTHER_TREE: Final = Rule(
+    'other-tree', Severity.WARNING, 'a state is called after another tree than the one that it runs'
+)
 UNREAD_KEY: Final = Rule('unread-key', Severity.WARNING, 'a state writes a blackboard key that nothing reads')
 UNWRITTEN_KEY: Final = Rule('unwritten-key', Severity.WARNING, 'a blackboard key is read that nothing writes')
 SKILL: Final = Rule('skill', Severity.WARNING, 'a machine is not as the skills of its states say')
@@ -33,6 +43,10 @@ RULES: Final = (
     ENDLESS_LOOP,
     UNSURE_READ,
     WRITE_RACE,
+    LOST_WRITE,
+    UNHEARD,
+    CROSSED_WAYS,
+    OTHER_TREE,
     UNREAD_KEY,
     UNWRITTEN_KEY,
     SHARED_RESOURCE,

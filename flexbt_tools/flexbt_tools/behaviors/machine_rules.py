@@ -6,8 +6,11 @@ A machine is looked at as a graph: its states and its outcomes are the nodes, th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import Final
 
+from flexbt_core.skills import OutcomeClass, class_of
 from flexbt_core.state_machine import (
     Autonomy,
     MachineDefinition,
@@ -15,15 +18,20 @@ from flexbt_core.state_machine import (
     StateDefinition,
     StateKind,
     Transition,
+    lost_writes,
     races,
+    state_skill,
     unsure_reads,
 )
 
 from .findings import (
     ALWAYS_ASKS,
+    CROSSED_WAYS,
     DEAD_OUTCOME,
     ENDLESS_LOOP,
+    LOST_WRITE,
     NO_END,
+    UNHEARD,
     UNSURE_READ,
     WRITE_RACE,
     Finding,
@@ -41,14 +49,22 @@ def findings_of(machine: MachineDefinition) -> Iterator[Finding]:
         yield from _always_asks(node)
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
             yield from _never(node, {condition.outcome for condition in node.conditions})
+            yield from _unheard(node)
         elif isinstance(node, MachineDefinition):
             yield from _ends(node)
             yield from _endless_loops(node)
+            yield from _crossed_ways(node)
     for read in unsure_reads(machine):
         yield Finding(UNSURE_READ, read.path, f'{_shown(read)} is not written on every way that leads here')
     for race in races(machine):
         message = f'userdata key {race.name!r} is written by {" and ".join(race.writers)}: it is chance who is the last'
         yield Finding(WRITE_RACE, race.path, message)
+    for lost in lost_writes(machine):
+        message = (
+            f'writes userdata key {lost.name!r}, which {lost.reader} reads outside, and it is no output key of '
+            f'{lost.machine}: what is written here does not get there'
+        )
+        yield Finding(LOST_WRITE, lost.path, message)
 
 
 def _shown(read: Read) -> str:
@@ -91,6 +107,46 @@ def _never(machine: MachineDefinition, outcomes: Collection[str]) -> Iterator[Fi
     for outcome in machine.outcomes:
         if outcome not in outcomes:
             yield Finding(DEAD_OUTCOME, machine.path, f"it never ends by its outcome '{outcome}'")
+
+
+_SUCCESSES: Final = (OutcomeClass.COMPLETED,)
+_FAILURES: Final = (OutcomeClass.FAILED, OutcomeClass.TIMED_OUT)
+_OF_FAILURE: Final = re.compile(r'recover|abort|error|fail', re.IGNORECASE)
+"""What names of states have that are there for failures."""
+
+
+def _outcomes_of(node: Node, classes: Collection[OutcomeClass]) -> list[str]:
+    """The outcomes of a state or machine that are of one of these classes."""
+    if isinstance(node, MachineDefinition):
+        return [outcome for outcome in node.outcomes if class_of(outcome) in classes]
+    skill = state_skill(node.state)
+    return [name for name, outcome in skill.outcomes.items() if name in node.outcomes and outcome.kind in classes]
+
+
+def _unheard(container: MachineDefinition) -> Iterator[Finding]:
+    """Failures of children of which no condition is."""
+    heard = {pair for condition in container.conditions for pair in condition.children}
+    for label, child in container.children.items():
+        for outcome in _outcomes_of(child, _FAILURES):
+            if (label, outcome) not in heard:
+                message = f'when it ends by {outcome!r}, {container.path} goes on: no condition is about that'
+                yield Finding(UNHEARD, child.path, message)
+
+
+def _crossed_ways(machine: MachineDefinition) -> Iterator[Finding]:
+    """States whose success leads to a failure, while their failure does not."""
+    for child in machine.children.values():
+        good = [child.transitions[one] for one in _outcomes_of(child, _SUCCESSES)]
+        bad = [child.transitions[one] for one in _outcomes_of(child, _FAILURES)]
+        if not good or not bad:
+            continue
+        ends_well = any(class_of(one.outcome or '') in _SUCCESSES for one in bad)
+        ends_badly = any(class_of(one.outcome or '') in _FAILURES for one in good)
+        to_failure = [_OF_FAILURE.search(one.state or '') for one in good]
+        from_failure = [one.state and not _OF_FAILURE.search(one.state) for one in bad]
+        if (ends_badly and ends_well) or (all(to_failure) and (ends_well or all(from_failure))):
+            shown = ', '.join(f'{outcome} -> {_target(way)}' for outcome, way in child.transitions.items())
+            yield Finding(CROSSED_WAYS, child.path, f'success leads where failure should: {shown}')
 
 
 def _endless_loops(machine: MachineDefinition) -> Iterator[Finding]:

@@ -7,22 +7,59 @@ together: what one of them writes another may read, whatever the order.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
+from pathlib import Path
+from typing import Final
 
 from flexbt_core.behavior_tree import Blackboard, Entry, TreeKey, TreeLoadError
 from flexbt_tools.tree_checks import HOST_KEYS, Diagnostic
 from flexbt_tools.trees import EntryUsage, KeyUsage
 
-from .findings import KEY_CLASH, UNREAD_KEY, UNWRITTEN_KEY, Finding
+from .findings import KEY_CLASH, OTHER_TREE, UNREAD_KEY, UNWRITTEN_KEY, Finding
 from .used_trees import TreeUse, UsedTrees
 
 
 def findings_of(trees: UsedTrees) -> Iterator[Finding]:
     """What is found between the states and the trees, blackboard by blackboard."""
+    yield from _other_trees(trees)
     usage = KeyUsage(trees.library)
     for name, uses in groupby(sorted(trees.uses, key=_blackboard), key=_blackboard):
         yield from _of_blackboard(name, list(uses), usage)
+
+
+_WORD: Final = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+')
+_LEAST: Final = 4
+"""Letters that a word has at least, so that having it in common means something."""
+
+
+def _other_trees(trees: UsedTrees) -> Iterator[Finding]:
+    """States that are called after a tree that is there, and run one of quite another name."""
+    for use in trees.uses:
+        if use.key is None:
+            continue
+        label = use.path.rpartition('/')[2]
+        own = [use.key.id, Path(use.key.file).stem]
+        folder = Path(use.key.file).parent
+        beside = sorted(file.stem for file in folder.glob('*.xml')) if folder.is_dir() else []
+        if any(set(_words(label)) & set(_words(name)) or _is_called_after(label, name) for name in own):
+            continue
+        others = (name for name in dict.fromkeys([*trees.library.tree_ids(), *beside]) if name not in own)
+        other = next((name for name in others if _is_called_after(label, name)), '')
+        if other:
+            message = f'it runs the tree [{use.key.id}] of {use.key.file}, and there is a tree {other!r}'
+            yield Finding(OTHER_TREE, use.path, message)
+
+
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in _WORD.findall(name) if len(word) >= _LEAST]
+
+
+def _is_called_after(label: str, tree: str) -> bool:
+    """Whether one name is the beginning of the other: Recover of Recovery."""
+    one, other = (re.sub(r'[^a-z0-9]', '', name.lower()) for name in (label, tree))
+    return min(len(one), len(other)) >= _LEAST and (one.startswith(other) or other.startswith(one))
 
 
 def _blackboard(use: TreeUse) -> str:

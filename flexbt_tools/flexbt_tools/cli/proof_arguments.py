@@ -124,9 +124,7 @@ def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Seque
     is_wrong = any(not report.holds for report in reports)
     if is_wrong:
         _save(options, reports)
-    if any(not (report.holds or report.is_dead_code) for report in reports) or any(
-        not one.is_same for one in compared
-    ):
+    if any(not (report.holds or report.is_dead_code) for report in reports) or any(not one.is_same for one in compared):
         return ExitCode.NEGATIVE
     if is_wrong:
         return ExitCode.UNREACHABLE

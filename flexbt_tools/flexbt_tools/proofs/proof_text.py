@@ -17,13 +17,14 @@ _REMEDIES: Final = {
     Property.REACHABLE: 'leave it out, or mend what keeps it from being used: ports, order of children, control above',
     Property.LIMITS: 'put it where it is ticked again after its child has succeeded, such as into a PipelineSequence, '
     'or leave it out',
+    Property.LISTENS: 'put it below a ReactiveFallback or ReactiveSequence, before what works: in each tick',
     Property.POSSIBLE: 'lead back from there, as reactive controls and further attempts do, or do not require it',
     Property.NO_LIVELOCK: 'wait in the loop, or limit how often it goes round',
     Property.DATA: 'write the key on every way to there, or give the machine or tree a default',
     Property.ONE_WRITER: 'give each a key of its own, or let one of them end before the other begins',
     Property.PRECONDITION: 'bring it about before, and look whether a condition is inverted, or the children swapped',
     Property.DEADLINE: 'put a Timeout around it that is no longer than the deadline',
-    Property.ONE_OWNER: 'let one of them end before the other begins, or pause one of them by a PriorityContainer',
+    Property.ONE_OWNER: 'let one of them end before the other begins',
     Property.RECOVERY: 'have what it waits for confirm a cancel, or end by a time limit',
     Property.HALTED: 'have the node above it halt its children, as ControlNode.reset_children does',
 }

@@ -15,6 +15,7 @@ from flexbt_tools.trees import read_library, shown_name
 from .copies import copies
 from .diagnostics import REFUSED, Diagnostic
 from .lint import findings
+from .meanings import mixed_up
 from .missions import missions
 
 _NO_SKILLS: Final = SkillLibrary()
@@ -36,7 +37,7 @@ def check_trees(
         found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:
         own = findings(library, inputs, shared=shared, skills=skills)
-        all_found = [*own, *copies(library, registry), *missions(library, registry)]
+        all_found = [*own, *copies(library, registry), *mixed_up(library, registry), *missions(library, registry)]
         found = list(dict.fromkeys(all_found))
     order = {shown_name(file): index for index, file in enumerate(files)}
     return sorted(

@@ -35,6 +35,9 @@ NEVER_READ: Final = Rule('never-read', Severity.INFO, 'a key is written that not
 UNREACHABLE: Final = Rule('unreachable', Severity.WARNING, 'a child is never ticked')
 UNUSED_PORT: Final = Rule('unused-port', Severity.WARNING, 'a sub-tree is given a port that it does not use')
 TYPE_CLASH: Final = Rule('type-clash', Severity.WARNING, 'what is written to a key is not what is read from it')
+CROSSED: Final = Rule(
+    'crossed', Severity.WARNING, 'what is given to a port, or a child, is what another one should get'
+)
 INCOMPLETE: Final = Rule(
     'incomplete', Severity.WARNING, 'a node has a number of children with which it cannot be ticked'
 )
@@ -55,6 +58,7 @@ RULES: Final = (
     UNREACHABLE,
     UNUSED_PORT,
     TYPE_CLASH,
+    CROSSED,
     UNUSED_TREE,
     MISNAMED,
     TWICE,

@@ -41,6 +41,7 @@ from .diagnostics import (
     UNUSED_TREE,
     Diagnostic,
 )
+from .meanings import crossed_keys
 from .reachability import incompleteness, unreachable_children
 from .resources import shared_resources
 
@@ -80,6 +81,7 @@ def findings(
         if not errors:
             given = {*inputs, *HOST_KEYS, *(name for key in group for name in library.model(key.id))}
             yield from _of_entries(list(usages.values()), board, given)
+            yield from crossed_keys(usages.values())
 
 
 def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import pytest
 from behavior_tool_support import Leaf, found
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_core.state_machine import Autonomy, ConcurrencyContainer, MachineError, OperatableStateMachine
+from flexbt_core.state_machine import Autonomy, ConcurrencyContainer, EventState, MachineError, OperatableStateMachine
 
 LABELS = ('A', 'B', 'C', 'D', 'E')
 ENDS = ('done', 'failed')
@@ -113,3 +114,87 @@ def test_what_only_some_ways_write() -> None:
         OperatableStateMachine.add('Write', writer, {'next': 'Read'})
         OperatableStateMachine.add('Read', reader, {'out': 'done'})
     assert found(machine) == [('unsure-read', '/Read')]
+
+
+def way(label: str, state: EventState | OperatableStateMachine, **ways: str) -> None:
+    OperatableStateMachine.add(label, state, ways)
+
+
+@pytest.mark.parametrize(
+    ('ways', 'rules'),
+    [
+        ({'done': 'Next', 'failed': 'Recover'}, []),
+        ({'done': 'Recover', 'failed': 'Next'}, [('crossed-ways', '/Go')]),
+        ({'done': 'failed', 'failed': 'finished'}, [('crossed-ways', '/Go')]),
+        ({'done': 'Recover', 'failed': 'finished'}, [('crossed-ways', '/Go')]),
+        ({'done': 'failed', 'failed': 'failed'}, []),  # a cleanup before the mission is given up
+        ({'done': 'failed', 'failed': 'Next'}, []),
+        ({'done': 'finished', 'failed': 'finished'}, []),  # whether it succeeds does not matter
+    ],
+)
+def test_success_that_leads_where_failure_should(ways: dict[str, str], rules: list[tuple[str, str]]) -> None:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        way('First', Leaf('one', 'two', 'three', 'four'), one='Go', two='Recover', three='Next', four='failed')
+        way('Go', Leaf('done', 'failed'), **ways)
+        way('Recover', Leaf('done', 'failed'), done='Go', failed='failed')
+        way('Next', Leaf('done', 'failed'), done='finished', failed='failed')
+    assert found(machine) == rules
+
+
+@pytest.mark.parametrize(
+    ('conditions', 'rules'),
+    [
+        ([('finished', [('Drive', 'done')]), ('failed', [('Drive', 'failed')]), ('failed', [('Watch', 'failed')])], []),
+        ([('finished', [('Drive', 'done')]), ('failed', [('Drive', 'failed')])], [('unheard-failure', '/Both/Watch')]),
+        ([('finished', [('Drive', 'done'), ('Watch', 'done')]), ('failed', [('Drive', 'failed')]),
+          ('failed', [('Drive', 'done'), ('Watch', 'failed')])], []),
+    ],
+    ids=['all', 'without', 'together'],
+)  # fmt: skip
+def test_a_failure_in_a_container_that_nobody_hears(
+    conditions: list[tuple[str, list[tuple[str, str]]]], rules: list[tuple[str, str]]
+) -> None:
+    both = ConcurrencyContainer(['finished', 'failed'], conditions=conditions)
+    with both:
+        way('Drive', Leaf('done', 'failed'))
+        way('Watch', Leaf('done', 'failed'))
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        way('Both', both, finished='finished', failed='failed')
+    assert found(machine) == rules
+
+
+class Writer(EventState):
+    def __init__(self) -> None:
+        super().__init__(['done'], output_keys=['pose'])
+
+
+class Reader(EventState):
+    def __init__(self) -> None:
+        super().__init__(['done'], input_keys=['pose'])
+
+
+@pytest.mark.parametrize(
+    ('output_keys', 'reads_inside', 'rules'),
+    [
+        (['pose'], False, []),
+        ([], False, [('lost-write', '/Look/Write')]),
+        ([], True, []),  # it is for the machine itself
+    ],
+    ids=['handed out', 'lost', 'own'],
+)
+def test_a_value_that_does_not_get_out_of_its_machine(
+    output_keys: list[str], reads_inside: bool, rules: list[tuple[str, str]]
+) -> None:
+    inner = OperatableStateMachine(outcomes=['done'], output_keys=output_keys)
+    with inner:
+        way('Write', Writer(), done='Use' if reads_inside else 'done')
+        if reads_inside:
+            way('Use', Reader(), done='done')
+    machine = OperatableStateMachine(outcomes=['done'])
+    machine.userdata['pose'] = 'home'
+    with machine:
+        way('Look', inner, done='Go')
+        way('Go', Reader(), done='done')
+    assert found(machine) == rules

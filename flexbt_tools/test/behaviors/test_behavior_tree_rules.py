@@ -123,3 +123,27 @@ def test_files_of_the_server_and_their_errors_have_a_place(tmp_path: Path) -> No
     broken.write_text('<root BTCPP_format="4">\n<BehaviorTree ID="B"><Nonsense/></BehaviorTree></root>')
     both = chain(BtExecuteState(bt_file='Main', inputs={'path': PATH}))
     assert found(both, str(file), str(broken)) == [('broken-tree', '')]
+
+
+@pytest.mark.parametrize(
+    ('label', 'tree', 'rules'),
+    [
+        ('Recover', 'Recovery', []),
+        ('Recover', 'Navigation', [('other-tree', '/Recover')]),
+        ('Drive', 'Navigation', []),  # it is called after none
+        ('NavigateHome', 'Recovery', []),
+        ('Navigation', 'Recovery', [('other-tree', '/Navigation')]),
+    ],
+)
+def test_a_state_that_is_called_after_another_tree(label: str, tree: str, rules: list[tuple[str, str]]) -> None:
+    machine = OperatableStateMachine(outcomes=['done', 'failed'])
+    ways = {'done': 'done', 'canceled': 'failed', 'failed': 'failed'}
+    trees = [xml('<BackUp/>', 'Recovery'), xml('<Wait/>', 'Navigation')]
+    with machine:
+        for number, text in enumerate(trees):
+            following = f'Load{number + 1}' if number + 1 < len(trees) else label
+            OperatableStateMachine.add(
+                f'Load{number}', BtLoaderState(xml=text), {'done': following, 'failed': 'failed'}
+            )
+        OperatableStateMachine.add(label, BtExecuteState(bt_file=tree), ways)
+    assert found(machine) == rules

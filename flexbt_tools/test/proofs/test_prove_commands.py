@@ -473,6 +473,46 @@ def test_what_can_never_come_about_has_an_exit_code_of_its_own(tmp_path: Path, t
     assert done.code == code and told in done.out
 
 
+RECOVERING = """
+<RecoveryNode number_of_retries="2"><FollowPath path="{path}"/>
+  <CONTROL><GoalUpdated/><Sequence><Spin spin_dist="1.570"/><Wait/></Sequence></CONTROL>
+</RecoveryNode>
+"""
+
+
+@pytest.mark.parametrize(
+    ('control', 'require', 'code', 'told'),
+    [
+        ('ReactiveFallback', 'Spin works only while GoalUpdated fails', 0, 'nothing wrong'),
+        ('ReactiveFallback', 'Spin has spin_dist=1.57', 0, 'nothing wrong'),
+        (
+            'ReactiveFallback',
+            'Spin works only while GoalUpdated holds',
+            1,
+            'GoalUpdated was not asked, or does not hold',
+        ),
+        # A change that is asked for once is not heard, whatever is required.
+        ('Fallback', 'Spin has spin_dist=1.57', 1, 'GoalUpdated::4 is asked only before something works'),
+        ('Fallback', 'Spin works only while GoalUpdated fails', 1, 'GoalUpdated was not asked, or holds'),
+    ],
+)
+def test_a_change_is_heard_while_something_works(
+    tmp_path: Path, control: str, require: str, code: int, told: str
+) -> None:
+    file = tmp_path / 'main.xml'
+    file.write_text(document(f'Main: {RECOVERING.replace("CONTROL", control)}'))
+    done = tool('prove', str(file), '--given', 'path', '--require', require)
+    assert (done.code, told in done.out) == (code, True), done.out
+
+
+def test_what_a_state_was_made_with_can_be_required(tmp_path: Path) -> None:
+    file = machine_of(tmp_path, '<Wait/>', '{done: Then, canceled: failed, failed: failed}')
+    tree = f'/Go has tree={tmp_path}/go.xml'
+    assert behavior('prove', file, '--require', tree, '--require', '/Then has wait_time=1')[0] == 0
+    code, out, _ = behavior('prove', file, '--require', '/Then has wait_time=2')
+    assert code == 1 and "/Then has wait_time='1.0'; required is: /Then has wait_time=2" in out
+
+
 def machine_of(folder: Path, tree: str, transitions: str) -> str:
     (folder / 'go.xml').write_text(document(f'Go: {tree}', main='Go'))
     file = folder / 'machine.yaml'

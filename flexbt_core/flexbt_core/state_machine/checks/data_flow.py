@@ -61,6 +61,16 @@ class Race:
     states: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class LostWrite:
+    """A key ``name`` that ``path`` writes in ``machine``, which does not hand it out to its ``reader`` outside."""
+
+    path: str
+    name: str
+    machine: str
+    reader: str
+
+
 def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
     """Reads of what cannot have been written, on whatever way the state is reached."""
     for read in _reads(machine, is_sure=False):
@@ -78,6 +88,27 @@ def races(machine: MachineDefinition) -> Iterator[Race]:
     for node in machine.nodes():
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
             yield from _races_in(node)
+
+
+def lost_writes(machine: MachineDefinition) -> Iterator[LostWrite]:
+    """What is written in a machine, neither read there nor handed out, while a key of this name is read outside."""
+    for child in machine.children.values():
+        if not isinstance(child, MachineDefinition):
+            continue
+        yield from lost_writes(child)
+        inside = {one.remap.get(key, key) for one in child.children.values() for key in _declared_inputs(one)}
+        kept = {name for one in child.children.values() for name in _names(one)} - {*child.output_keys, *inside}
+        readers = {
+            one.remap.get(key, key): one.path
+            for one in reversed(machine.children.values())
+            if one is not child
+            for key in _declared_inputs(one)
+        }
+        for name in sorted(kept):
+            reader = readers.get(name) or (machine.path if name in machine.output_keys else '')
+            if reader:
+                writer = next(one.path for one in child.children.values() if name in _names(one))
+                yield LostWrite(writer, name, child.path, reader)
 
 
 def _races_in(container: MachineDefinition) -> Iterator[Race]:

@@ -12,8 +12,9 @@ left, that stands.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any, ClassVar, Final
 
@@ -165,6 +166,15 @@ class EventState:
     def type_name(self) -> str:
         """What people call this kind of state."""
         return type(self).__name__
+
+    @property
+    def made_with(self) -> Mapping[str, str]:
+        """What requirements can say that it has: texts, numbers and truths among its attributes, and in dataclasses."""
+        own = {name.lstrip('_'): value for name, value in vars(self).items()}
+        for value in vars(self).values():
+            if is_dataclass(value):
+                own |= {one.name: getattr(value, one.name) for one in fields(value)}
+        return {name: str(value) for name, value in own.items() if isinstance(value, str | int | float)}
 
     @property
     def name(self) -> str:

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Keys and texts that are mixed up: of the right type, and of the wrong sort.
+
+An error code of a planner is a number, and so is one of a controller. The name of a planner is a text, and so is that
+of a controller. What sort of thing a port holds follows from its name, and from the leaf.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+from flexbt_core.behavior_tree import NodeDefinition, NodeRegistry, TreeLibrary
+from flexbt_core.behavior_tree.model import NO_DEFAULT
+from flexbt_tools.trees import EntryUsage, Place
+
+from .diagnostics import CROSSED, Diagnostic
+
+_WRITERS_OF_CODES: Final[Mapping[str, tuple[str, ...]]] = {
+    'WouldAPlannerRecoveryHelp': ('ComputePathToPose', 'ComputePathThroughPoses'),
+    'WouldAControllerRecoveryHelp': ('FollowPath',),
+    'WouldASmootherRecoveryHelp': ('SmoothPath',),
+    'WouldARouteRecoveryHelp': ('ComputeRoute', 'ComputeAndTrackRoute'),
+}
+"""Of whom a condition on an error code is: Nav2's."""
+_SELECTED: Final = re.compile(r'selected_(\w+)')
+_CHOSEN: Final = re.compile(r'(\w+)_id')
+_ADDRESS: Final = re.compile(r'topic|service|server')
+_CODE: Final = re.compile(r'(\w+?)_error_(?:code|msg)(?:_id)?')
+_RECOVERIES: Final = frozenset(
+    ('ClearEntireCostmap', 'ClearCostmapExceptRegion', 'ClearCostmapAroundRobot', 'BackUp', 'Spin', 'Wait')
+)
+_MAIN: Final = frozenset(
+    (
+        *('ComputePathToPose', 'ComputePathThroughPoses', 'ComputeRoute', 'ComputeAndTrackRoute', 'SmoothPath'),
+        *('FollowPath', 'NavigateToPose', 'NavigateThroughPoses', 'DockRobot'),
+    )
+)
+
+_CONTRARIES: Final = (
+    *(('local', 'global'), ('open', 'close'), ('left', 'right'), ('front', 'rear'), ('start', 'stop')),
+    *(('enable', 'disable'), ('planner', 'controller'), ('load', 'unload')),
+)
+
+
+def crossed_keys(usages: Iterable[EntryUsage]) -> Iterator[Diagnostic]:
+    """A finding for each reader of a key that somebody writes who means something else by it."""
+    for usage in usages:
+        for reader in usage.readers:
+            wanted = _read_meaning(reader)
+            if not wanted:
+                continue
+            for writer in usage.writers:
+                meant = _written_meaning(writer)
+                if meant and not meant & wanted:
+                    message = (
+                        f'key [{reader.use.key}] is read here as {_shown(wanted)}, and {writer.node.label} writes '
+                        f'{_shown(meant)} to it'
+                    )
+                    yield Diagnostic(CROSSED, reader.error(message))
+                    break
+
+
+def _written_meaning(place: Place) -> frozenset[str]:
+    node, port = place.node, place.use.attribute
+    if match := _SELECTED.fullmatch(port):
+        return frozenset((f'a {match[1]}',))
+    if port.startswith('error_code'):
+        return frozenset((f'an error code of {node.manifest.id}',))
+    return frozenset()
+
+
+def _read_meaning(place: Place) -> frozenset[str]:
+    node, port = place.node, place.use.attribute
+    if port == 'error_code':
+        return frozenset(f'an error code of {one}' for one in _WRITERS_OF_CODES.get(node.manifest.id, ()))
+    match = _CHOSEN.fullmatch(port)
+    return frozenset((f'a {match[1]}',)) if match else frozenset()
+
+
+def _shown(meanings: frozenset[str]) -> str:
+    return ' or '.join(sorted(meanings))
+
+
+def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
+    """A finding for each key that is called after another leaf, text that is another type's or contrary to the name of
+    its node, and RecoveryNode whose children are swapped."""
+    used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
+    manifests = list({one.id: one for one in (*registry, *used)}.values())
+    coded = [one.id for one in manifests if any(name.startswith('error_code') for name in one.ports)]
+    owners: dict[tuple[str, str], list[str]] = {}
+    for one in manifests:
+        for name, port in one.ports.items():
+            if _ADDRESS.search(name) and isinstance(port.default, str):
+                owners.setdefault((name, port.default), []).append(one.id)
+    for key in library.tree_keys():
+        tree = library.definition(key)
+        for node in tree.nodes():
+            for name, value in node.values.items():
+                if value.key is not None:
+                    problem = _key_of_another(node, name, value.key, coded)
+                else:
+                    problem = _text_of_another(node, name, value.text, owners.get((name, value.text), ()))
+                if problem:
+                    yield Diagnostic(CROSSED, tree.error(node, problem, name))
+            if node.manifest.id == 'RecoveryNode' and len(node.children) == 2 and _are_swapped(node.children):
+                message = 'its first child only recovers, and the second one is what can fail: are they swapped?'
+                yield Diagnostic(CROSSED, tree.error(node, message))
+
+
+def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[str]) -> str:
+    """How a key for an error is called after another type; '' when it is not."""
+    match = _CODE.fullmatch(key)
+    word = match[1].replace('_', '').casefold() if match else ''
+    port = node.manifest.ports.get(name)
+    is_error = port is not None and port.writable and name.startswith('error_')
+    if not is_error or len(word) < 4 or node.manifest.id.casefold().startswith(word):
+        return ''
+    owner = next((one for one in coded if one.casefold().startswith(word)), '')
+    return f'its {name} goes to the key of {owner}, [{key}]' if owner else ''
+
+
+def _text_of_another(node: NodeDefinition, name: str, text: str, owners: Sequence[str]) -> str:
+    """How a text is that of another type, or contrary to the name of its node; '' when it is not."""
+    port = node.manifest.ports.get(name)
+    own = port.default if port is not None else NO_DEFAULT
+    if len(owners) == 1 and node.manifest.id not in owners and own not in (NO_DEFAULT, text):
+        return f'{name}="{text}" is that of {owners[0]}; {node.manifest.id} has {own!r}'
+    if words := _contrary(node.name, text):
+        return f'it is called after {words[0]!r}, and its {name} is about {words[1]!r}: "{text}"'
+    return ''
+
+
+def _contrary(name: str, text: str) -> tuple[str, str] | None:
+    """A word of a name and its contrary, which a text has without the word itself."""
+    name, text = name.casefold(), text.casefold()
+    for pair in _CONTRARIES:
+        for word, other in (pair, pair[::-1]):
+            # Each may be a part of the other: load, unload.
+            told, said = name.replace(other, '') if word in other else name, text
+            if word in told and other not in name and other in said and word not in said.replace(other, ''):
+                return word, other
+    return None
+
+
+def _are_swapped(children: Sequence[NodeDefinition]) -> bool:
+    (first, second) = ({one.manifest.id for one in _inside(child)} for child in children)
+    return bool(first & _RECOVERIES) and not first & _MAIN and bool(second & _MAIN)
+
+
+def _inside(node: NodeDefinition) -> Iterator[NodeDefinition]:
+    yield node
+    for child in node.children:
+        yield from _inside(child)
