@@ -55,6 +55,9 @@ from flexbt_console.mirror import (
     StateKind,
     StateStructure,
     Structure,
+    Subject,
+    Subjects,
+    SubjectValue,
     TreeNode,
     View,
 )
@@ -271,6 +274,43 @@ def test_a_choice_has_to_be_picked_first() -> None:
         assert [(one.kind, one.outcome) for one in robot.link.sent] == [(CommandKind.FORCE, 'right')]
 
     on_screen(robot, steps)
+
+
+def test_an_answer_to_what_was_not_received_is_asked_for_once_more() -> None:
+    robot = Robot()
+    judged = dataclasses.replace(CHOICE, subject=('path', 'goal'), subject_number=1)
+    robot.show(judged)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        rows = text_of(app).splitlines()
+        assert any('path, goal NOT RECEIVED  x 2.00 y 2.00' in row for row in rows)  # in the place of the plan's length
+        assert any('path, goal NOT RECEIVED: what you are asked about is not shown' in row for row in rows)
+        assert all(len(row) <= 80 for row in rows) and 'plan 1.4 m' not in text_of(app)
+        await pilot.press('2', 'enter', 'enter', 'enter')  # who presses Enter again and again sends nothing
+        assert robot.link.sent == [] and 'what you are asked about was not received' in text_of(app)
+        await pilot.press(*'wait', 'enter')
+        assert robot.link.sent == []
+        await pilot.press('enter', *'right', 'enter')
+        await pilot.pause()
+        assert [(one.kind, one.outcome) for one in robot.link.sent] == [(CommandKind.FORCE, 'right')]
+
+    on_screen(robot, steps, (80, 24))
+
+
+def test_what_a_decision_is_about_is_on_the_screen() -> None:
+    robot = Robot()
+    robot.show(dataclasses.replace(CHOICE, subject=('path', 'goal'), subject_number=1))
+    path = SubjectValue('path', 'nav_msgs/msg/Path', points=((2.0, 2.0), (2.0, 1.0), (3.0, 1.0)))
+    goal = SubjectValue('goal', 'geometry_msgs/msg/PoseStamped', pose=Pose(3.0, 1.0))
+    robot.mirror.receive_subjects(Subjects('e', (Subject(CHOICE.id, 1, (path, goal)),)))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'about path: 2.0 m to kitchen; goal: kitchen' in text_of(app)
+        assert 'x 2.00 y 2.00 yaw 0.00  plan 2.0 m' in text_of(app)
+        await pilot.press('2', 'enter')
+        assert [one.outcome for one in robot.link.sent] == ['right']
+
+    on_screen(robot, steps, (80, 24))
 
 
 def test_a_pose_is_pointed_at_on_the_map() -> None:
