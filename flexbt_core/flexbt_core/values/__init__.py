@@ -11,7 +11,7 @@ from .message_text import sendable
 from .nested_json import load_json
 from .places import Place, load_places
 from .similar_names import hint, similar_names
-from .text_files import TextFileError, read_text, write_text
+from .text_files import TextFileError, open_private, open_regular, read_text, write_text
 from .xml_text import xml_attribute, xml_text
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ __all__ = [
     'load_places',
     'load_yaml',
     'one_line',
+    'open_private',
+    'open_regular',
     'read_text',
     'sendable',
     'shown',

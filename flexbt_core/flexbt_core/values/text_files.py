@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of text: those of others are read with bounds, and ours are written as a whole."""
+"""Files of text: those of others are read with bounds, and ours are written as a whole.
+
+Opening a pipe waits for its other end, and a device may never end: :func:`open_regular` refuses both. A file that holds
+what people said is made by :func:`open_private`.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +29,7 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
         TextFileError: it cannot be read, is longer, or is no text.
     """
     try:
-        with open(file, 'rb', opener=_open) as content:
-            if not stat.S_ISREG(os.fstat(content.fileno()).st_mode):
-                raise TextFileError('it is a pipe or device; give a regular file')
+        with open(file, 'rb', opener=open_regular) as content:
             data = content.read(most + 1)
     except TextFileError:
         raise
@@ -72,5 +74,25 @@ def write_text(file: str | Path, text: str) -> None:
             fresh.unlink()
 
 
-def _open(name: str, flags: int) -> int:
-    return os.open(name, flags | os.O_NONBLOCK)  # opening a pipe waits for its other end otherwise
+def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:
+    """Return the descriptor of a regular file, as :func:`os.open` does, and never wait; an ``opener`` of :func:`open`.
+
+    Raises:
+        TextFileError: it is a pipe, device or directory.
+        OSError: it cannot be opened.
+    """
+    descriptor = os.open(file, flags | os.O_NONBLOCK | os.O_CLOEXEC, mode)
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        what = 'a directory' if stat.S_ISDIR(mode) else 'a pipe or device'
+        raise TextFileError(f'it is {what}; give a regular file')
+    return descriptor
+
+
+def open_private(file: str | Path, flags: int) -> int:
+    """As :func:`open_regular`, for a file of ours that holds what people said: only the user may read a new one.
+
+    A symbolic link is not followed: whoever may write to the directory could have another file of the user overwritten.
+    """
+    return open_regular(file, flags | os.O_NOFOLLOW, 0o600)

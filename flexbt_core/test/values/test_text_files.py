@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_core.values import TextFileError, read_text, write_text
+from flexbt_core.values import TextFileError, open_private, open_regular, read_text, write_text
 
 
 def test_a_text_is_read_with_its_ends_of_lines_and_without_its_mark(tmp_path: Path) -> None:
@@ -80,3 +80,21 @@ def test_permissions_and_links_last_and_what_is_no_file_is_written_to(tmp_path: 
     reader.join()
     write_text('/dev/null', 'away')
     assert heard == ['through'] and Path('/dev/null').is_char_device()
+
+
+def test_an_opener_refuses_what_is_no_file_and_never_waits(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    for name in (pipe, '/dev/zero', tmp_path):
+        with pytest.raises(TextFileError, match='give a regular file'):
+            open_regular(name, os.O_RDONLY)
+    with pytest.raises(OSError):
+        open_private(pipe, os.O_WRONLY | os.O_CREAT)  # nobody reads it
+
+
+def test_a_private_file_is_for_the_user_alone_and_no_link_is_followed(tmp_path: Path) -> None:
+    with open(tmp_path / 'new', 'w', opener=open_private) as new:
+        assert os.fstat(new.fileno()).st_mode & 0o777 == 0o600
+    (tmp_path / 'link').symlink_to(tmp_path / 'new')
+    with pytest.raises(OSError):
+        open_private(tmp_path / 'link', os.O_WRONLY)

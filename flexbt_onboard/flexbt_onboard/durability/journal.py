@@ -24,6 +24,7 @@ from typing import Any, Final
 from weakref import WeakSet, WeakValueDictionary
 
 from flexbt_core.clock import Clock, watchdog
+from flexbt_core.values import open_private
 from flexbt_onboard.errors import OnboardError
 
 from .journal_format import Line, encode_head, encode_line, read_journal
@@ -160,7 +161,8 @@ class Journal:
         try:
             self._take_guard()
             if file.exists():
-                self._read(file.read_bytes())
+                with open(file, 'rb', opener=open_private) as content:
+                    self._read(content.read())
         except OSError as error:
             self.release_files()
             raise _unusable(file, error) from error
@@ -314,7 +316,8 @@ class Journal:
         self._take_guard()
         data = b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
         fresh = self.file.with_suffix('.fresh')
-        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+        fresh.unlink(missing_ok=True)  # of a process that was killed; or a link to what must not be written
+        descriptor = open_private(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND)
         try:
             _write_whole(descriptor, data)
             os.fsync(descriptor)
@@ -336,8 +339,8 @@ class Journal:
         guard = self.file.with_suffix('.lock')
         if self._guard >= 0 and guard.exists() and os.path.samestat(guard.stat(), os.fstat(self._guard)):
             return
-        guard.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(guard, os.O_RDWR | os.O_CREAT, 0o644)
+        guard.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor = open_private(guard, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:

@@ -51,6 +51,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_common.values import seconds_of
 from flexbt_core.clock import Clock, watchdog
+from flexbt_core.values import open_private
 
 if TYPE_CHECKING:
     from flexbt_common.runtime import RosClock
@@ -207,14 +208,14 @@ class EventLog:
         that is full costs that of the first.
         """
         assert self._file is not None  # else there is no thread
-        self._file.parent.mkdir(parents=True, exist_ok=True)
+        self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         size = self._file.stat().st_size if self._file.exists() else 0
         lines = map(self._line, events)
         first = next(lines)
         if size and size + len(first) > self._size:
             self._rotate()
         # Opened each time: whoever moves or deletes the file does not end the log.
-        with self._file.open('ab', buffering=0) as file:
+        with open(self._file, 'ab', buffering=0, opener=open_private) as file:
             if self._may_be_cut and _is_cut(self._file):
                 file.write(b'\n')
             for line in chain((first,), lines):

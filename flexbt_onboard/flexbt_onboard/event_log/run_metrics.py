@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.skills import SkillError, SkillMonitor
-from flexbt_core.values import load_json
+from flexbt_core.values import load_json, open_regular
 
 Event = Mapping[str, Any]
 
@@ -175,7 +175,7 @@ def read_events(files: Iterable[Path]) -> Iterator[Event]:
         OSError: a file cannot be read.
     """
     for file in files:
-        with file.open(encoding='utf-8', errors='replace') as lines:
+        with open(file, encoding='utf-8', errors='replace', opener=open_regular) as lines:
             for line in lines:
                 try:
                     event = load_json(line)

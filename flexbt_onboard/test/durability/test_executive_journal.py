@@ -383,6 +383,36 @@ def test_a_full_disk_is_told_once_each_time_and_what_fits_again_is_whole(tmp_pat
     assert (journal.state.begin['run'], journal.state.position['active'], journal.corruption) == ('r', ['/Last'], '')
 
 
+def test_a_journal_is_for_the_user_alone_and_nothing_beside_it_is_overwritten_by_it(
+    tmp_path: Path, opened: Callable[..., Journal]
+) -> None:
+    other = tmp_path / 'other'
+    other.write_text('of the user')
+    (tmp_path / 'node.fresh').symlink_to(other)
+    journal = written(opened(tmp_path / 'node.journal'))
+    journal.append(**begin_of('r'))
+    written(journal)
+    assert other.read_text() == 'of the user'
+    assert {file.name: oct(file.stat().st_mode)[-3:] for file in tmp_path.glob('node.*')} == {
+        'node.journal': '600',
+        'node.lock': '600',
+    }
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'device', 'link'])
+def test_what_never_ends_or_is_of_somebody_else_is_no_journal(kind: str, tmp_path: Path, opened: Any) -> None:
+    file = tmp_path / 'node.journal'
+    if kind == 'pipe':
+        os.mkfifo(file)
+    elif kind == 'device':
+        file.symlink_to('/dev/zero')
+    else:
+        (tmp_path / 'other').write_bytes(file_of([begin_of('r')]))
+        file.symlink_to(tmp_path / 'other')
+    with pytest.raises(OnboardError, match=r'journal_directory: .*node\.journal cannot be used'):
+        opened(file)
+
+
 def test_a_directory_that_disappears_is_told_and_made_again(tmp_path: Path, opened: Any) -> None:
     told: list[str] = []
     file = tmp_path / 'journals' / 'e.journal'

@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree import NodeStatus, Tree, TreeLoadError, log_reade
 from flexbt_core.behavior_tree.engine import node_path
 from flexbt_core.behavior_tree.model import Source
 from flexbt_core.behavior_tree.xml import Element, parse
+from flexbt_core.values import open_private, open_regular
 
 from . import protocol
 from .log_buffer import LogBuffer
@@ -101,7 +102,7 @@ class LogWriter:
         if self._has_failed:
             return
         try:
-            with self._path.open(mode, buffering=0) as file:
+            with open(self._path, mode, buffering=0, opener=open_private) as file:
                 file.seek(self._written)
                 try:
                     rest = data
@@ -155,7 +156,8 @@ class Log(NamedTuple):
 
 def read_log(path: Path) -> Log:
     """Reads a log file, also one that is still being written, or was cut off. Raises LogError and OSError."""
-    data = path.read_bytes()
+    with open(path, 'rb', opener=open_regular) as file:
+        data = file.read()
     position = len(_MAGIC) + 1 + _LENGTH.size
     if not data.startswith(_MAGIC) or len(data) < position:
         raise LogError(f'{path}: this is no log file of BehaviorTree.CPP 4 (.btlog)')

@@ -44,7 +44,7 @@ class RunLogs:
     def __init__(self, runtime: NodeRuntime, directory: Path, keep: int) -> None:
         """Raises ServerParameterError when there is no such directory and none can be made."""
         try:
-            directory.mkdir(parents=True, exist_ok=True)
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise ServerParameterError(f"parameter 'btlog_directory': {directory}: {error.strerror}") from error
         self._directory = directory
