@@ -6,6 +6,7 @@ from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
 from .node_executor import make_executor
+from .node_log import RepeatedReports
 from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
 from .parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
@@ -28,7 +29,7 @@ from .received_messages import (
 )
 from .resources import resolve_file
 from .ros_clock import RosClock
-from .sender_rates import RepeatedReports, SenderRates
+from .sender_rates import SenderRates
 from .simulated_time import ListeningTime, watch_clock_publishers
 
 __all__ = [

@@ -17,12 +17,15 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
+import math
 import os
 import select
 import stat
 import sys
 import threading
 import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from typing import Any, Final
 
 from rclpy.logging import LoggingSeverity
@@ -39,6 +42,8 @@ LINES: Final = 200
 LOG_BURST: Final = 4_000_000
 LOG_RATE: Final = 2_000
 """Characters that a node logs, at once and a second, at most; counted apart for errors and for the rest."""
+
+_KINDS: Final = 100
 
 log_for_callers_of(__file__)
 
@@ -128,6 +133,33 @@ class NodeLogger(OpenLogger):
         if self._unread:
             unread, self._unread = self._unread, 0
             self._notices.warning(f'{counted(unread, "message")} missing here: nobody read this output')
+
+
+class RepeatedReports:
+    """Lets a report of each kind pass once in ``seconds``, and counts those between. From any thread.
+
+    ``now`` is in seconds. Only the newest hundred kinds are remembered.
+    """
+
+    def __init__(self, seconds: float, now: Callable[[], float]) -> None:
+        self._seconds = seconds
+        self._now = now
+        self._lock = threading.Lock()
+        self._passed: OrderedDict[Hashable, tuple[float, int]] = OrderedDict()  # when, and how many were held since
+
+    def held_before(self, kind: Hashable) -> int | None:
+        """Return how many reports of this kind were held since the last one that passed; None if this one is held."""
+        now = self._now()
+        with self._lock:
+            passed_at, held = self._passed.get(kind, (-math.inf, 0))
+            if now < passed_at + self._seconds:
+                self._passed[kind] = passed_at, held + 1
+                return None
+            self._passed[kind] = now, 0
+            self._passed.move_to_end(kind)
+            if len(self._passed) > _KINDS:
+                self._passed.popitem(last=False)
+            return held
 
 
 def _is_read(number: int) -> bool:

@@ -53,11 +53,10 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
-from .node_log import NodeLogger, NodeLogHandler, StandardStreams
+from .node_log import NodeLogger, NodeLogHandler, RepeatedReports, StandardStreams
 from .parameters import bounded, is_parameter_service, unknown_parameters
 from .received_messages import COMPLAINT_SECONDS
 from .ros_clock import RosClock
-from .sender_rates import RepeatedReports
 
 __all__ = ['NodeRuntime', 'run_node']
 
