@@ -68,7 +68,7 @@ EXECUTIVE_PONG: Final = 'executive/pong'
 STOP_GUARD_STATUS: Final = 'stop_guard/status'
 PLACES: Final = 'places'
 COMMAND_DEPTH: Final = 50
-STOP_DEPTH: Final = 10
+STOP_DEPTH: Final = 50
 LOG_DEPTH: Final = 50
 EVENTS_DEPTH: Final = 50
 

@@ -136,7 +136,7 @@ class PresenceWatch:
         return participant in self._ended
 
     def _on_message(self, received: Received) -> None:
-        if not self._rates.allows(received.participant):
+        if not self._rates.allows(received.process):
             self._messages.blame(received)
             return
         try:

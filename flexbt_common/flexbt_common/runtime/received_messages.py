@@ -13,6 +13,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -49,7 +50,11 @@ UNKNOWN_WRITER: Final = b''
 
 EXCESS_MESSAGES: Final = 2000
 EXCESS_BYTES: Final = 20_000_000
-"""Messages that are too many, and bytes of messages that are too large, after which a participant is ignored."""
+"""Messages that are too many, and bytes of messages that are too large, after which the participants of a process are
+ignored."""
+
+_PROCESSES: Final = 256
+"""Of which this is remembered: those that were blamed last."""
 
 _TURN_SECONDS: Final = 0.02
 """After this time the other callbacks of the node come first."""
@@ -77,6 +82,13 @@ class Received:
         """Identifies the participant of the domain that the writer belongs to, so the process or a part of it."""
         return participant_of(self.writer)
 
+    @property
+    def process(self) -> bytes:
+        """Identifies the process that the writer belongs to, whose participants share what one may send: Fast DDS
+        begins their identifiers with the vendor, the host and the process. With a middleware that does it in another
+        way, and with DDS security, which changes them, it is one participant."""
+        return self.writer[:8]
+
     def unpack(self, message_type: type[Any]) -> Any:
         """The message.
 
@@ -94,7 +106,7 @@ class Received:
 class ReceivedMessages:
     """Takes what comes on a topic. To be made on the executor thread, where ``on_message`` is called for each message.
 
-    Messages of more than ``limit`` bytes come without their data. Of a participant that goes on sending such, or what
+    Messages of more than ``limit`` bytes come without their data. Of a process that goes on sending such, or what
     the receiver blames it for, nothing more is heard, where the middleware can do that; ``on_ignored`` gets a line
     about it, by default the node's log does. While ``is_awaited`` says no, messages stay with the middleware,
     as many as the queue takes; with stock rclpy they come all the same.
@@ -118,7 +130,8 @@ class ReceivedMessages:
         self._limit = limit
         self._is_awaited = is_awaited
         self._depth = qos.depth
-        self._excess: dict[bytes, tuple[int, int]] = {}  # by participant: messages, and bytes of what was too large
+        # By process: messages that are too many, and bytes of what is too large.
+        self._excess: OrderedDict[bytes, tuple[int, int]] = OrderedDict()
         self._on_ignored = on_ignored if on_ignored is not None else node.get_logger().error
         self._taker = _Taker.make()
         self.subscription = node.create_subscription(
@@ -164,13 +177,16 @@ class ReceivedMessages:
     def blame(self, received: Received) -> None:
         """Note that a message is more than its sender may send. Who goes on with that is ignored."""
         participant = received.participant
-        count, size = self._excess.get(participant, (0, 0))
-        self._excess[participant] = count, size = count + 1, size + (received.size if received.data is None else 0)
+        before = self._excess.pop(received.process, (0, 0))
+        count, size = before[0] + 1, before[1] + (received.size if received.data is None else 0)
+        self._excess[received.process] = count, size
+        if len(self._excess) > _PROCESSES:
+            self._excess.popitem(last=False)
         if participant == UNKNOWN_WRITER or (count < EXCESS_MESSAGES and size < EXCESS_BYTES):
             return
-        del self._excess[participant]
         who = writer_name(self._node, self._topic, participant)
-        if ignore_participant(self._node, participant):
+        is_told = before[0] >= EXCESS_MESSAGES or before[1] >= EXCESS_BYTES  # this is a further one of its process
+        if ignore_participant(self._node, participant) and not is_told:
             self._on_ignored(
                 f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '
                 'too large); nothing more is heard of its process until this one is started again'

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,6 +19,7 @@ from flexbt_common.runtime import (
     ReceivedMessages,
     ignore_each_other,
     ignore_participant,
+    received_messages,
     reports_writers,
     writer_name,
 )
@@ -128,6 +131,71 @@ def test_nothing_more_is_heard_of_a_participant_that_is_ignored(receiver: Receiv
         assert not receiver.runtime.call(lambda: ignore_participant(receiver.runtime.node, b'no such'))
     finally:
         bad.runtime.close()
+        good.runtime.close()
+
+
+PARTICIPANTS = """
+import sys
+import rclpy
+from rclpy.context import Context
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+publishers = []
+for number in range(3):
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node(f'part{number}', context=context)
+    publishers.append(node.create_publisher(String, sys.argv[1], QoSProfile(depth=1000)))
+for line in sys.stdin:
+    for publisher in publishers:
+        if publisher.get_subscription_count():
+            publisher.publish(String(data=line.strip()))
+"""
+
+
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
+def test_the_participants_of_a_process_share_what_it_may_send(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(received_messages, 'EXCESS_BYTES', 10 * LIMIT)
+    received: list[Received] = []
+    told: list[str] = []
+    with NodeRuntime.open('receiver') as runtime:
+        runtime.call(
+            lambda: ReceivedMessages(runtime.node, String, TOPIC, QOS, received.append, LIMIT, on_ignored=told.append)
+        )
+        good = Sender('good')
+        words = [sys.executable, '-c', PARTICIPANTS, TOPIC]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, text=True) as child:
+            assert child.stdin is not None
+
+            def all_heard() -> bool:
+                assert child.stdin is not None
+                child.stdin.write('a\n')
+                child.stdin.flush()
+                return len({one.participant for one in received}) == 3
+
+            wait_until(all_heard, 'all participants')
+            assert len({one.process for one in received}) == 1
+            received.clear()
+            good.publisher.publish(String(data='b'))
+            wait_until(lambda: received, 'the other process')
+
+            def is_silent() -> bool:
+                assert child.stdin is not None
+                large = [one for one in received if one.data is None]
+                for _ in range(3):
+                    child.stdin.write('x' * (2 * LIMIT) + '\n')
+                child.stdin.flush()
+                runtime.call(lambda: None)
+                is_whole = len({one.participant for one in large}) == 3 and bool(told)
+                return is_whole and large == [one for one in received if one.data is None]
+
+            wait_until(is_silent, 'nothing more of that process')
+            assert len(told) == 1 and 'nothing more is heard of its process' in told[0]
+            child.kill()
+        count = len(received)
+        good.publisher.publish(String(data='c'))
+        wait_until(lambda: len(received) > count, 'the other process, all the same')
         good.runtime.close()
 
 

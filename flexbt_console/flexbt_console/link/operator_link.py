@@ -83,10 +83,10 @@ MESSAGE_BYTES: Final = 16_000_000
 PONG_BYTES: Final = 1_000
 
 STATUS_RATE: Final = 100.0
-"""Statuses a second that are taken from one participant on average: five times what an executive sends."""
+"""Statuses a second that are taken from one process on average: five times what an executive sends."""
 
 STATUS_BURST: Final = 200
-"""Statuses that are taken from one participant at once after a quiet time."""
+"""Statuses that are taken from one process at once after a quiet time."""
 
 STATUS_DEPTH: Final = 20
 """Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
@@ -432,7 +432,7 @@ class OperatorLink:
 
     def _on_status(self, received: Received) -> None:
         participant = received.participant
-        if participant != UNKNOWN_WRITER and not self._status_rates.allows(participant):
+        if participant != UNKNOWN_WRITER and not self._status_rates.allows(received.process):
             self._statuses.blame(received)
             return
         answers = not self._sender.has_sent(participant)
@@ -454,7 +454,7 @@ class OperatorLink:
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
 
     def _on_guard(self, received: Received) -> None:
-        if not self._guard_rates.allows(received.participant):
+        if not self._guard_rates.allows(received.process):
             self._guards.blame(received)
             return
         message = self._unpacked(received, StopGuardStatus, names.STOP_GUARD_STATUS)

@@ -2,8 +2,9 @@
 """Commands as they come in: from anybody, as many as anybody sends, and of any size.
 
 A stop comes on a topic of its own as well, so that no flood of commands drives it out of a queue. All that has come is
-taken at once, and what one process sends above a rate, or is too large, is dropped before it is unpacked: so the operators' commands are found among any number of others, and cost and memory stay bounded. Who goes on
-with that is ignored by the middleware. A console sends a command again until it is answered.
+taken at once, and what one process sends above a rate, however many participants it has, or is too large, is dropped
+before it is unpacked: so the operators' commands are found among any number of others, and cost and memory stay
+bounded. Who goes on with that is ignored by the middleware. A console sends a command again until it is answered.
 """
 
 from __future__ import annotations

@@ -50,6 +50,9 @@ STATUS_BYTES: Final = 4_000_000
 STATUS_DEPTH: Final = 20
 """Statuses that wait to be taken, from all participants: others must not drive the executive's own out."""
 
+TELL_SECONDS: Final = 0.05
+"""For so long a further STOP waits until it is told: many may come."""
+
 _OPEN_STOPS: Final = 32
 """STOPs without an answer that are remembered; while there are more, the robot is kept at rest all the same."""
 
@@ -68,6 +71,7 @@ class StopGuard:
         self._carried_out: OrderedDict[str, None] = OrderedDict()
         self._told: tuple[Any, ...] = ()
         self._timer: Timer | None = None
+        self._is_told_soon = False
         node = runtime.node
         self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.latched())
         self._stops = node.create_publisher(
@@ -98,6 +102,8 @@ class StopGuard:
         CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
         self._publish()
+        # The first line of a log takes long: rclpy looks for its place in the sources of all modules.
+        runtime.node.get_logger().info(f'ready; guards {", ".join(parameters.motion_actions)}')
         runtime.on_close(lambda: runtime.call(self._motion.release))
 
     @property
@@ -117,16 +123,22 @@ class StopGuard:
             self._known.popitem(last=False)
         operator = one_line(stop.operator_id, COMMAND_LENGTHS['operator_id'])
         self._open[stop_id] = ExecutiveCommand(
-            id=stop_id, stamp=stop.stamp, kind=ExecutiveCommand.STOP, operator_id=operator, run_id=stop.run_id[:128]
+            id=stop_id,
+            stamp=stop.stamp,
+            kind=ExecutiveCommand.STOP,
+            operator_id=operator,
+            run_id=stop.run_id[: COMMAND_LENGTHS['run_id']],
+            reason=stop.reason[: COMMAND_LENGTHS['reason']],
         )
         if len(self._open) > _OPEN_STOPS:
             self._open.popitem(last=False)
-        self._repeat()  # the executive may not know that console yet, or may be out of its reach
-        if self._motion.is_holding:
-            self._carry_out()
-        elif self._timer is None:
+        if self._timer is None:
+            self._repeat()  # the executive may not know that console yet, or may be out of its reach
             self._motion.prepare()  # for servers that have come since
             self._timer = self._runtime.post_in(GRACE_SECONDS, self._hold)
+        elif self._motion.is_holding and not self._is_told_soon:
+            self._is_told_soon = True
+            self._plan(TELL_SECONDS)
 
     def _on_status(self, received: Received) -> None:
         try:
@@ -156,11 +168,15 @@ class StopGuard:
             self._carried_out[stop_id] = None
         while len(self._carried_out) > _OPEN_STOPS:
             self._carried_out.popitem(last=False)
+        self._is_told_soon = False
         self._publish()
         self._repeat()
+        self._plan(REPEAT_SECONDS)
+
+    def _plan(self, seconds: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = self._runtime.post_in(REPEAT_SECONDS, self._carry_out)
+        self._timer = self._runtime.post_in(seconds, self._carry_out)
 
     def _repeat(self) -> None:
         if self._open:
@@ -170,6 +186,7 @@ class StopGuard:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+        self._is_told_soon = False
         if self._motion.is_holding:
             self._motion.drop_cancels()
             self._motion.release()

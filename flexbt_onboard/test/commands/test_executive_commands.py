@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import uuid
 from collections.abc import Iterator
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from rclpy.action import ActionClient
 
 from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime, reports_writers
 from flexbt_common.values import to_entry
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.action import OperatorInput
@@ -24,6 +27,8 @@ from flexbt_msgs.msg import (
     PendingDecision,
 )
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS, OPEN_REQUESTS
+from flexbt_onboard.link import CommandIntake
+from flexbt_onboard.link.command_intake import COMMAND_BURST, COMMAND_RATE
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -402,3 +407,41 @@ def test_a_note_without_text_or_of_more_than_its_length_is_refused(bench: LoopBe
     bench.applied(ExecutiveCommand.NOTE, text=longest)
     assert 'text' in bench.refused(ExecutiveCommand.NOTE)
     assert '1000 characters' in bench.refused(ExecutiveCommand.NOTE, text=longest + 'x')
+
+
+MANY = """
+import time, uuid
+import rclpy
+from rclpy.context import Context
+from flexbt_common import names
+from flexbt_msgs.msg import ExecutiveCommand
+
+publishers = []
+for number in range(4):
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node(f'many{number}', context=context)
+    publishers.append(node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command()))
+while True:
+    for publisher in publishers:
+        publisher.publish(ExecutiveCommand(id=uuid.uuid4().hex, kind=ExecutiveCommand.NOTE, text='many'))
+    time.sleep(0.04)
+"""
+"""Each of the participants is within the limit."""
+
+
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
+def test_a_process_has_one_limit_however_many_participants_it_has() -> None:
+    with NodeRuntime.open('executive') as runtime:
+        taken: list[ExecutiveCommand] = []
+        told: list[str] = []
+        began = runtime.steady.now()
+        runtime.call(
+            lambda: CommandIntake(runtime, lambda one, _: taken.append(one), lambda _, text: told.append(text))
+        )
+        with subprocess.Popen([sys.executable, '-c', MANY]) as child:
+            wait_until(lambda: told, 'that some were dropped')
+            child.kill()
+        seconds = runtime.steady.now() - began
+        assert len(taken) <= COMMAND_BURST + COMMAND_RATE * seconds
+        assert 'many' in told[0] and 'more than 50 a second' in told[0]
