@@ -8,12 +8,15 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
+from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Bool, Empty, Int64, String
 
 from flexbt_common import names
+from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import resolve_type, to_entry
 from flexbt_core.state_machine import EventState, Severity
-from flexbt_flexbe import Logger, states
+from flexbt_flexbe import EventState as FlexbeState
+from flexbt_flexbe import Logger, ProxySubscriberCached, states
 from flexbt_flexbe.states import (
     BtGetDataState,
     BtSetDataState,
@@ -260,6 +263,20 @@ class TestTopics:
         assert run.wait() == 'received'
         assert read['message'].data == 5
 
+    @pytest.mark.parametrize('make', [lambda: SubscriberState('seen', String), lambda: Hearing('seen')])
+    def test_a_sensor_that_it_cannot_hear_is_shown_with_what_to_do(
+        self, bench: StateBench, make: Callable[[], EventState]
+    ) -> None:
+        with NodeRuntime.open('camera') as camera:
+            camera.call(lambda: camera.node.create_publisher(String, 'seen', qos_profile_sensor_data))
+            run = bench.run_state(make, {'message': None})
+            shown = (
+                "No messages on '/seen' from /camera: it publishes BEST_EFFORT, /bench_executive subscribes RELIABLE. "
+                'Subscribe with BEST_EFFORT, or publish with RELIABLE.'
+            )
+            wait_until(lambda: [one.activity for one in run.active()] == [(shown,)], lambda: str(run.active()))
+        wait_until(lambda: [one.activity for one in run.active()] == [()], 'the end of the sensor')
+
     @pytest.mark.parametrize('blocking', [True, False])
     def test_a_topic_that_nobody_knows_is_unavailable(self, bench: StateBench, blocking: bool) -> None:
         assert outcome_of(bench, lambda: SubscriberState('unknown', '', blocking=blocking))[0] == 'unavailable'
@@ -285,6 +302,18 @@ class TestTopics:
 
         assert bench.run_state(make, {'message': None}).wait() == 'unavailable'
         assert made
+
+
+class Hearing(FlexbeState):
+    """A state of users that waits for a message."""
+
+    def __init__(self, topic: str) -> None:
+        super().__init__(outcomes=['received'])
+        self._topic = topic
+        self._heard = ProxySubscriberCached({topic: String})
+
+    def execute(self, userdata: Any) -> str | None:
+        return 'received' if self._heard.has_msg(self._topic) else None
 
 
 def answering(type_name: str, value: Any) -> Any:

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from std_msgs.msg import String
 
 from flexbt_common import names
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, qos_misfit
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
 from flexbt_states.errors import StateParameterError
@@ -71,6 +71,27 @@ def test_a_latched_message_counts_when_asked_for(bench: StateBench, peer: Peer) 
     )
     run.wait()
     assert read == {'message': String(data='office')}
+
+
+@pytest.mark.parametrize('make', [SubscribeOnceState, SubscriberState])
+def test_a_sensor_that_is_not_heard_is_shown_with_what_to_do(bench: StateBench, peer: Peer, make: Any) -> None:
+    peer.publisher('scan', qos_profile_sensor_data)
+    run = bench.run_state(lambda: make('scan', String), {'message': None})
+
+    def shown() -> str:
+        return ' '.join(line for leaf in run.active() for line in leaf.activity)
+
+    wait_until(lambda: 'from /peer: it publishes BEST_EFFORT, /bench_executive subscribes RELIABLE. ' in shown(), shown)
+
+
+def test_a_sensor_that_is_not_heard_is_the_reason_of_the_timeout(bench: StateBench, peer: Peer) -> None:
+    peer.publisher('scan', qos_profile_sensor_data)
+    node = bench.runtime.node
+    bench.runtime.call(lambda: node.create_subscription(String, 'scan', lambda _: None, 1))
+    wait_until(lambda: 'from /peer' in qos_misfit(bench.runtime, '/scan'), 'what is wrong')
+    run = bench.run_state(lambda: SubscribeOnceState('scan', String, timeout=0.1), {'message': None})
+    assert run.wait() == 'timeout'
+    assert "on scan within 0.1 s. No messages on '/scan' from /peer: it publishes BEST_EFFORT" in run.errors()
 
 
 def test_a_sensor_is_heard_when_asked_for(bench: StateBench, peer: Peer) -> None:

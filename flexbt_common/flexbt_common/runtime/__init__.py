@@ -7,7 +7,7 @@ from .ignored_participant import ignore_each_other, ignore_participant
 from .latest_message import LatestMessage
 from .node_executor import make_executor
 from .node_log import RepeatedReports
-from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, run_node
+from .node_runtime import CALL_SECONDS, DeepNode, NodeRuntime, qos_misfit, run_node
 from .parameters import ALLOWED_DIRECTORIES_TEXT, ParameterDeclarer, refuse_while_configured
 from .rclpy_private import (
     ACTION_CLIENT,
@@ -64,6 +64,7 @@ __all__ = [
     'make_executor',
     'offline_default_context',
     'participant_of',
+    'qos_misfit',
     'refuse_while_configured',
     'release_lifecycle',
     'reports_writers',

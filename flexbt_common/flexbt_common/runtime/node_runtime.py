@@ -31,11 +31,13 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -54,11 +56,12 @@ from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
 from .node_log import NodeLogger, NodeLogHandler, RepeatedReports, StandardStreams
-from .parameters import bounded, is_parameter_service, unknown_parameters
+from .parameters import bounded, is_parameter_service, refusal, unknown_parameters
+from .qos_misfits import QosMisfits
 from .received_messages import COMPLAINT_SECONDS
 from .ros_clock import RosClock
 
-__all__ = ['NodeRuntime', 'run_node']
+__all__ = ['NodeRuntime', 'qos_misfit', 'run_node']
 
 T = TypeVar('T')
 
@@ -93,11 +96,27 @@ class DeepNode(Node):
 
     _bounded_logger: NodeLogger | None = None
 
+    @cached_property
+    def qos_misfits(self) -> QosMisfits:
+        """Topics on which nothing comes or goes, since the qualities of service do not fit."""
+        return QosMisfits(self)
+
+    def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
+        """See :meth:`rclpy.node.Node.create_subscription`."""
+        events = options.pop('event_callbacks', None) or SubscriptionEventCallbacks()
+        watched = self.qos_misfits.watched(events, topic)
+        return super().create_subscription(msg_type, topic, *args, event_callbacks=watched, **options)
+
+    def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
+        """See :meth:`rclpy.node.Node.create_publisher`."""
+        events = options.pop('event_callbacks', None) or PublisherEventCallbacks()
+        watched = self.qos_misfits.watched(events, topic)
+        return super().create_publisher(msg_type, topic, *args, event_callbacks=watched, **options)
+
     @property
-    def executor(self) -> Executor | None:
+    def executor(self) -> Any:
         """The executor that spins the node. Another one, to which users' code adds the node, is its guest."""
-        executor: Executor | None = Node.executor.fget(self)
-        return executor
+        return Node.executor.fget(self)
 
     @executor.setter
     def executor(self, executor: Executor | None) -> None:
@@ -507,6 +526,18 @@ def _place_of(error: BaseException) -> tuple[str, int]:
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return ('', 0) if trace is None else (trace.tb_frame.f_code.co_filename, trace.tb_lineno)
+
+
+def qos_misfit(runtime: NodeRuntime, topic: str) -> str:
+    """Why no messages come on a topic (resolved name), as far as is known; '' for nothing. From any thread.
+
+    What is given may be outdated by the end of another node; who asks again hears of that.
+    """
+    misfits = runtime.node.qos_misfits
+    text = misfits.of(topic)
+    if text:
+        runtime.post(lambda: misfits.check(topic))
+    return text
 
 
 def run_node(

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from flexbt_core import state_machine
 from flexbt_core.state_machine import ExitReason, StateError
-from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached
+from flexbt_flexbe.proxy import ProxyPublisher, ProxySubscriberCached, lacks_of
 from flexbt_onboard.behaviors import current_run
 
 from .ros_access import RosAccess
@@ -59,6 +59,10 @@ class EventState(RosAccess, state_machine.EventState):
         if not desired_rate > 0:
             raise StateError(f'{self.path}: the rate has to be positive, not {desired_rate} Hz')
         self.desired_rate = desired_rate
+
+    def activity(self) -> Sequence[str]:
+        """Topics that the state waits for and that cannot reach it."""
+        return lacks_of(self)
 
     def halting(self) -> str | None:
         """Goals that the state has canceled are waited for; when the run ends, none is left behind."""

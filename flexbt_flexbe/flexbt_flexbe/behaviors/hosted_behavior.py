@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -85,7 +85,7 @@ class HostedBehavior(Behavior):
         return _content(parameter, declared)
 
 
-def load_class(source: FlexbeManifest) -> Callable[[Any], FlexbeBehavior]:
+def load_class(source: FlexbeManifest) -> type[Any]:
     """The class that a manifest names; it is called with the node. Raises whatever importing its module raises.
 
     Raises:

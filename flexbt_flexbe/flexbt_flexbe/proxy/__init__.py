@@ -11,7 +11,7 @@ from .action_client import ProxyActionClient
 from .publisher import ProxyPublisher
 from .qos import QOS_DEFAULT, QOS_LATCH, QOS_LOSSY
 from .service_caller import ProxyServiceCaller
-from .subscriber_cached import ProxySubscriberCached
+from .subscriber_cached import ProxySubscriberCached, lacks_of
 from .transform_listener import ProxyTransformListener
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     'ProxySubscriberCached',
     'ProxyTransformListener',
     'initialize_proxies',
+    'lacks_of',
     'shutdown_proxies',
 ]
 

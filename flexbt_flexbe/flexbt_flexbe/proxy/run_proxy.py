@@ -72,6 +72,10 @@ class Listeners:
         """Whether the state that is being called is one of them."""
         return calling_state() in self._states
 
+    def has(self, state: EventState) -> bool:
+        """Whether a state is one of them."""
+        return state in self._states
+
     def wake(self) -> None:
         """Something has arrived; from any thread."""
         for state in tuple(self._states):

@@ -12,9 +12,10 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, qos_misfit
+from flexbt_core.state_machine import EventState
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.behaviors import RunContext
+from flexbt_onboard.behaviors import RunContext, current_run
 
 from .qos import QOS_DEFAULT
 from .run_proxy import Listeners, RunProxy, message_class, on_class_too
@@ -57,6 +58,9 @@ class _Feed:
     def forget_newest(self) -> None:
         if not self.is_persistent:
             self._newest = None
+
+    def misfit(self) -> str:
+        return qos_misfit(self._runtime, self._runtime.node.resolve_topic_name(self._topic))
 
     def has_buffered(self) -> bool:
         return bool(self._buffer)
@@ -118,6 +122,11 @@ class _RunFeeds:
                 f'topic {topic!r} is subscribed as {feed.message_class.__name__} already, not as {message.__name__}'
             )
         return feed
+
+    def lacks(self, state: EventState) -> list[str]:
+        """Why no message comes on topics that a state has asked about and has none of."""
+        asked = (feed for feed in self._feeds.values() if feed.newest() is None and feed.listeners.has(state))
+        return [text for feed in asked if (text := feed.misfit())]
 
     def drop(self, topic: str) -> None:
         feed = self._feeds.pop(topic, None)
@@ -251,3 +260,8 @@ class ProxySubscriberCached(RunProxy):
         if feed is not None:
             feed.listeners.note_caller()
         return feed
+
+
+def lacks_of(state: EventState) -> list[str]:
+    """Why no message comes on topics that a state has asked about, for the operator. On the thread of the run."""
+    return current_run().shared(_RunFeeds).lacks(state)

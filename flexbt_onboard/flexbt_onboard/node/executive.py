@@ -187,6 +187,9 @@ class Executive:
         self._shown = ShownStatus(runtime, picture, self._show, journal.when_durable, self._status.changed)
         Diagnostics(runtime, lambda: self._shown.message, problems.texts)
         runtime.on_fault(report.fault)
+        misfits = runtime.node.qos_misfits
+        misfits.on_found(functools.partial(report.log, ExecutiveLog.WARN))
+        runtime.on_close(lambda: misfits.on_found(None))
         self._link.publish_places(parameters.places)
         self._announce()
 

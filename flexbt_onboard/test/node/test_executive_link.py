@@ -21,7 +21,9 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Empty
 
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
@@ -561,3 +563,13 @@ def test_who_logs_while_the_executive_ends_is_not_disturbed() -> None:
             for thread in threads:
                 thread.join()
     assert not faults
+
+
+def test_a_topic_whose_ends_do_not_fit_is_told_to_the_operator(make_bench: Make) -> None:
+    bench = make_bench()
+    node = bench.runtime.node
+    with NodeRuntime.open('camera') as camera:
+        camera.call(lambda: camera.node.create_publisher(Empty, 'seen', qos_profile_sensor_data))
+        bench.runtime.call(lambda: node.create_subscription(Empty, 'seen', lambda _: None, 1))
+        line = bench.logged("No messages on '/seen'")
+    assert line.severity == ExecutiveLog.WARN

@@ -48,6 +48,10 @@ class RobotFrames:
             pose = PoseStamped()
             pose.header.frame_id = base
             pose.pose.orientation.w = 1.0
+            try:
+                return self.pose_in(pose, frame or self.global_frame)
+            except TransformError as error:
+                raise TransformError(self._pose.without_message(str(error))) from None
         return self.pose_in(pose, frame or self.global_frame)
 
     def pose_in(self, pose: PoseStamped, frame: str) -> PoseStamped:

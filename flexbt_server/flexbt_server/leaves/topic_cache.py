@@ -15,7 +15,7 @@ from rclpy.action.server import RCLError
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import LatestMessage, NodeRuntime
+from flexbt_common.runtime import LatestMessage, NodeRuntime, qos_misfit
 from flexbt_core.behavior_tree import TreeContext, TreeNode
 from flexbt_server.trees import WeakLruCache
 
@@ -51,6 +51,7 @@ class TopicCache:
 
     def __init__(self, runtime: NodeRuntime, message_type: type[Any], topic: str, qos: QoSProfile) -> None:
         self._runtime = runtime
+        self._topic = runtime.node.resolve_topic_name(topic)
         self._trees: weakref.WeakSet[TreeContext] = weakref.WeakSet()
         self._lock = threading.Lock()
         me = weakref.ref(self)
@@ -63,6 +64,11 @@ class TopicCache:
     def latest(self) -> Any | None:
         """The last message; None until there is one. From any thread."""
         return self._last.message
+
+    def without_message(self, text: str) -> str:
+        """``text``, and after it why no message comes, where that is known. From any thread."""
+        misfit = qos_misfit(self._runtime, self._topic)
+        return f'{text}. {misfit}' if misfit else text
 
     def on_message(self, tree: TreeContext) -> None:
         """Tick the tree whenever a message comes, as long as the tree exists. From any thread."""

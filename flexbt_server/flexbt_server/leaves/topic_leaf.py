@@ -58,4 +58,6 @@ class TopicCondition(Condition):
         message = self._cache.latest
         if self.holds(message):
             return NodeStatus.SUCCESS
-        return self.fail('no message yet' if message is None else 'the condition does not hold')
+        if message is None:
+            return self.fail(self._cache.without_message('no message yet'))
+        return self.fail('the condition does not hold')

@@ -116,7 +116,9 @@ class CheckStopStatus(StatefulAction):
         assert self._cache is not None  # made by on_start
         odometry = self._cache.latest
         if odometry is None:
-            return self.fail('nothing is known of the motion of the robot: no odometry yet')
+            return self.fail(
+                self._cache.without_message('nothing is known of the motion of the robot: no odometry yet')
+            )
         twist = odometry.twist.twist
         speed = max(abs(twist.linear.x), abs(twist.linear.y), abs(twist.angular.z))
         if not speed < self.get_input('velocity_threshold'):
@@ -208,9 +210,8 @@ class _Selector(SyncAction):
         message = self._cache.latest
         name = (message.data if message is not None else '') or str(self.get_input_or(self.default, ''))
         if not name:
-            return self.fail(
-                f'nothing was published on {self.get_input("topic_name")}, and {self.default} is not given'
-            )
+            why = f'nothing was published on {self.get_input("topic_name")}, and {self.default} is not given'
+            return self.fail(why if message is not None else self._cache.without_message(why))
         self.set_output(self.selected, name)
         return NodeStatus.SUCCESS
 

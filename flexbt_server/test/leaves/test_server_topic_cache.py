@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import PoseStamped
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_msgs.msg import String
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from std_msgs.msg import Bool, String
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_server.leaves import SubscribedTopic, TopicCaches, TriggerServices
+from flexbt_testing.nodes import server_nodes
+from flexbt_testing.nodes.server_world import install_nodes, open_world
 from flexbt_testing.waiting import wait_until
 
 
@@ -86,3 +89,16 @@ def test_services_that_no_tree_takes_are_not_kept(runtime: NodeRuntime, monkeypa
     offered = [service.srv_name for service in runtime.node.services if '/service' in service.srv_name]
     assert offered == [f'/service{number}' for number in range(21, 30)]
     assert '/in_use' in [service.srv_name for service in runtime.node.services]
+
+
+def test_a_condition_whose_topic_cannot_be_heard_says_why(tmp_path: Path) -> None:
+    install_nodes(tmp_path, server_nodes.__name__)
+    with NodeRuntime.open('door_sensor') as sensor, open_world() as world:
+        sensor.call(lambda: sensor.node.create_publisher(Bool, 'door', qos_profile_sensor_data))
+        world.client.load_tree('<DoorOpen/>')
+
+        def reason() -> str:
+            return str(world.client.execute().result.message)
+
+        told = "no message yet. No messages on '/door' from /door_sensor: it publishes BEST_EFFORT, /bt_server"
+        wait_until(lambda: told in reason(), reason)

@@ -67,9 +67,13 @@ class SubscribeOnceState(EventState):
             userdata['message'] = message
             return 'received'
         if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
-            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s')
+            lack = ''.join(f'. {text}' for text in self._subscription.lack())
+            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s{lack}')
             return 'timeout'
         return None
+
+    def activity(self) -> Sequence[str]:
+        return self._subscription.lack()
 
     def not_paused(self) -> Sequence[str]:
         return ['time-out: it counts wall time'] if self._deadline is not None else []

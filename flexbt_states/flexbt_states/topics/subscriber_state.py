@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -52,6 +53,9 @@ class SubscriberState(EventState):
             userdata['message'] = message
             return 'received'
         return None if self._blocking else 'unavailable'
+
+    def activity(self) -> Sequence[str]:
+        return self._subscription.lack()
 
     def on_stop(self) -> None:
         self._subscription.close()

@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, qos_misfit
 from flexbt_core.state_machine import EventState
 from flexbt_onboard.behaviors import state_services
 
@@ -55,6 +55,12 @@ class StateSubscription:
         with self._lock:
             message, self._newest = self._newest, None
         return message
+
+    def lack(self) -> list[str]:
+        """Why no message comes, for the operator; empty while nothing is known that is wrong."""
+        runtime = state_services(self._state).runtime
+        text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
+        return [text] if text else []
 
     def _subscribe(self, runtime: NodeRuntime, visit: int) -> None:
         def receive(message: Any) -> None:
