@@ -9,7 +9,7 @@ from typing import Final
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import GOES_ON, NodeRuntime, clock_health
 from flexbt_core.values import sendable
 
 TOPIC: Final = '/diagnostics'
@@ -17,7 +17,10 @@ PERIOD: Final = 1.0
 
 
 class DiagnosticsPublisher:
-    """Publishes what ``entries`` gives; it is called on the executor thread. Made there, too."""
+    """Publishes what ``entries`` gives; it is called on the executor thread. Made there, too.
+
+    Where time is simulated, an entry says how that goes.
+    """
 
     def __init__(self, runtime: NodeRuntime, entries: Callable[[], Sequence[DiagnosticStatus]]) -> None:
         self._runtime = runtime
@@ -28,9 +31,16 @@ class DiagnosticsPublisher:
     def _publish(self) -> None:
         if self._publisher.get_subscription_count() == 0:
             return
-        array = DiagnosticArray(status=list(self._entries()))
+        array = DiagnosticArray(status=[*self._entries(), *self._clock()])
         array.header.stamp = self._runtime.clock.stamp()
         self._publisher.publish(array)
+
+    def _clock(self) -> list[DiagnosticStatus]:
+        if not self._runtime.node.get_clock().ros_time_is_active:
+            return []
+        problem = clock_health(self._runtime).problem
+        level = DiagnosticStatus.WARN if problem else DiagnosticStatus.OK
+        return [diagnostic_status(self._runtime, 'simulated time', level, problem or GOES_ON)]
 
 
 def diagnostic_status(

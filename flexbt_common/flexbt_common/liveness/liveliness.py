@@ -54,6 +54,7 @@ from flexbt_common.runtime import (
     Received,
     ReceivedMessages,
     SenderRates,
+    clock_health,
     participant_of,
 )
 from flexbt_common.values import check_limits
@@ -106,6 +107,8 @@ _PROCESSES: Final = 16
 
 _PID: Final = 'pid'
 _BEGAN: Final = 'began'
+_CLOCK: Final = 'clock'
+"""The part of a node that is not ready while nobody publishes the time that it waits for."""
 
 
 def _qos() -> QoSProfile:
@@ -169,6 +172,8 @@ class _HeldToken:
         self._publishers: dict[str, Any] = {}
         self._said_at = self._watcher_found_at = -math.inf
         self.add_name(self._node.get_fully_qualified_name())
+        self._clock = clock_health(runtime)
+        self._clock.add_listener(self._clock_changed)
         runtime.health.on_late(self._tell_late)
         runtime.health.on_beat(self._assert)
         runtime.on_close(lambda: self._publish(has_ended=True))
@@ -198,6 +203,10 @@ class _HeldToken:
             if not is_ready:
                 self._unready[part] = why
             self._publish()
+
+    def _clock_changed(self) -> None:
+        if self._clock.is_missing is not (_CLOCK in self._unready):
+            self.set_ready(not self._clock.is_missing, _CLOCK, self._clock.problem)
 
     def _watcher_found(self, _event: Any) -> None:
         self._watcher_found_at = time.monotonic()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A node on rclpy: its executor and thread, its clock, its parameters, and how it ends."""
 
+from .clock_watch import GOES_ON, ClockHealth, clock_health
 from .default_context import DefaultContext, offline_default_context, undiscovered
 from .health import HANG_SECONDS, Hang, Health, Loop, Watched
 from .ignored_participant import ignore_each_other, ignore_participant
@@ -30,7 +31,7 @@ from .received_messages import (
 from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import SenderRates
-from .simulated_time import ListeningTime, watch_clock_publishers
+from .simulated_time import ListeningTime
 
 __all__ = [
     'ACTION_CLIENT',
@@ -38,9 +39,11 @@ __all__ = [
     'ALLOWED_DIRECTORIES_TEXT',
     'CALL_SECONDS',
     'COMPLAINT_SECONDS',
+    'GOES_ON',
     'HANG_SECONDS',
     'UNKNOWN_NODE',
     'UNKNOWN_WRITER',
+    'ClockHealth',
     'DeepNode',
     'DefaultContext',
     'Hang',
@@ -54,10 +57,11 @@ __all__ = [
     'ParameterDeclarer',
     'Received',
     'ReceivedMessages',
+    'RepeatedReports',
     'RosClock',
     'SenderRates',
-    'RepeatedReports',
     'Watched',
+    'clock_health',
     'ignore_each_other',
     'ignore_participant',
     'is_usable',
@@ -71,6 +75,5 @@ __all__ = [
     'resolve_file',
     'run_node',
     'undiscovered',
-    'watch_clock_publishers',
     'writer_name',
 ]

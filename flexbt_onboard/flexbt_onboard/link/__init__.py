@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What operators and programs see of the executive, and its own way to stop the robot."""
 
-from .clock_publishers import ClockPublishers
 from .command_intake import CommandIntake
 from .event_stream import EventStream
 from .executive_status import status_of, subjects_of
@@ -18,7 +17,6 @@ __all__ = [
     'BURST',
     'MAXIMUM_RATE',
     'MOTION_ACTIONS',
-    'ClockPublishers',
     'CommandIntake',
     'EventStream',
     'MotionStop',

@@ -17,7 +17,7 @@ from flexbt_common.calls import ActionLinks, GoalAdmission, ServiceLinks
 from flexbt_common.cli import node_file
 from flexbt_common.lifecycle import SHUTTING_DOWN
 from flexbt_common.liveness import LivelinessToken, PresenceWatch
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import GOES_ON, NodeRuntime, clock_health
 from flexbt_msgs.msg import BehaviorList, BehaviorStructure, ExecutiveLog
 from flexbt_onboard.behaviors import BehaviorLibrary, StateServices
 from flexbt_onboard.commands import (
@@ -32,7 +32,6 @@ from flexbt_onboard.durability import RunJournal
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EventLog, Reporter, StorageProblems
 from flexbt_onboard.link import (
-    ClockPublishers,
     EventStream,
     MotionStop,
     OperatorLink,
@@ -106,7 +105,10 @@ class Executive:
             parameters.peer_timeout,
             are_expected=parameters.expects_peers,
         )
-        clock_publishers = ClockPublishers(runtime, self._link.log, self._status.changed)
+        self._clock = clock_health(runtime)
+        self._clock.report = self._report_clock
+        self._clock.add_listener(self._status.changed)
+        runtime.on_close(self._leave_clock)
         pose = RobotPose(runtime, parameters.pose_topic)
         self._plan = RobotPlan(runtime, parameters.plan_topic)
         self._planned_run = ''
@@ -180,7 +182,7 @@ class Executive:
                 pose,
                 self._authority,
                 peers.gone(),
-                '; '.join(filter(None, [self._admission.refusal, problems.text, clock_publishers.problem])),
+                '; '.join(filter(None, [self._admission.refusal, problems.text, self._clock.problem])),
             )
             return Picture(status, subjects_of(run, self._input_requests.subjects()))
 
@@ -294,6 +296,13 @@ class Executive:
     def _input_request_changed(self, event: str, fields: Mapping[str, Any]) -> None:
         self._report.event(event, run=self.runs.shown.run_id, **fields)
         self._status.changed()
+
+    def _report_clock(self, problem: str) -> None:
+        self._report.log(ExecutiveLog.WARN if problem else ExecutiveLog.INFO, problem or GOES_ON)
+
+    def _leave_clock(self) -> None:
+        self._clock.report = self._clock.log
+        self._clock.remove_listener(self._status.changed)
 
     def _nodes_changed(self) -> None:
         if self.runs.run is not None:

@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
@@ -29,7 +30,7 @@ from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
 from flexbt_common.lifecycle import NodeScope
 from flexbt_common.liveness import LivelinessToken
-from flexbt_common.runtime import NodeRuntime, reports_writers
+from flexbt_common.runtime import GOES_ON, NodeRuntime, clock_watch, reports_writers
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine
 from flexbt_msgs.msg import (
@@ -42,7 +43,7 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     PlaceList,
 )
-from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher, clock_publishers
+from flexbt_onboard.link import BURST, MAXIMUM_RATE, OperatorLink, StatusPublisher
 from flexbt_onboard.node import ExecutiveParameters, declare_parameters
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -168,8 +169,8 @@ def test_bad_times_on_clock_keep_no_operator_from_stopping(make_bench: Make, kin
 
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clock_publishers, 'LISTEN_SECONDS', 0.3)
-    monkeypatch.setattr(clock_publishers, 'PAUSE_SECONDS', 0.1)
+    monkeypatch.setattr(clock_watch, 'LISTEN_SECONDS', 0.3)
+    monkeypatch.setattr(clock_watch, 'PAUSE_SECONDS', 0.1)
     bench = make_bench(
         ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=(), heartbeat_period=0.1)
     )
@@ -177,8 +178,34 @@ def test_a_second_publisher_of_the_simulated_time_is_told(make_bench: Make, monk
         for name in ('simulator', 'bag', 'simulator'):
             tell_time(stack.enter_context(NodeRuntime.open(name)))
         bench.wait_for(lambda status: '3 publishers of /clock (/bag, 2 x /simulator)' in status.message, 'who they are')
-    bench.wait_for(lambda status: not status.message, 'the end of it')
+    bench.wait_for(lambda status: 'publishers' not in status.message, 'the end of it')
     assert bench.logged('ROS_DOMAIN_ID').severity == ExecutiveLog.WARN
+
+
+def test_simulated_time_that_nobody_publishes_is_in_status_log_and_diagnostics(make_bench: Make) -> None:
+    bench = make_bench(ros_parameters={'use_sim_time': True}, parameters=ExecutiveParameters(peers=()))
+    told: list[DiagnosticStatus] = []
+    bench.console.call(
+        lambda: bench.console.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda array: told.extend(array.status), 10
+        )
+    )
+    bench.start()
+    bench.wait_active('/A')
+    bench.wait_for(lambda status: 'nobody publishes /clock' in status.message, 'what is wrong')
+    assert bench.logged('nobody publishes /clock').severity == ExecutiveLog.WARN
+    wait_until(
+        lambda: [one for one in told if 'simulated time' in one.name and 'nobody publishes' in one.message],
+        lambda: f'diagnostics; {told}',
+    )
+    publisher = bench.console.call(lambda: bench.console.node.create_publisher(Clock, names.CLOCK, 1))
+
+    def publish() -> bool:
+        publisher.publish(Clock(clock=bench.console.clock.stamp()))
+        return not bench.status.message
+
+    wait_until(publish, 'nothing is wrong any more')
+    assert bench.logged(GOES_ON).severity == ExecutiveLog.INFO
 
 
 def test_a_late_console_has_the_whole_picture(make_bench: Make, tmp_path: Path) -> None:
