@@ -8,7 +8,6 @@ from .help import EXIT_CODES, command_help, overview, prompt_command_help, promp
 from .operator_values import (
     autonomy_level,
     full_namespace,
-    limits_text,
     load_places,
     parameter_value,
     port_number,
@@ -72,7 +71,6 @@ __all__ = [
     'completion_script',
     'find',
     'full_namespace',
-    'limits_text',
     'load_places',
     'offers',
     'overview',

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, BehaviorParameter, Decision, InputValue, Pose, plain_type
+from flexbt_console.present import limits_text
 from flexbt_core import values
 from flexbt_core.values import TextFileError, hint, read_text, shown
 
@@ -84,13 +85,6 @@ def _number(text: str, kind: type[int] | type[float]) -> float:
         return kind(text)
     except ValueError:
         return math.nan
-
-
-def limits_text(parameter: BehaviorParameter) -> str:
-    """The limits of a parameter with its unit, as in ``from 0 to 1 m/s``; '' where it has neither."""
-    lower, upper, unit = parameter.minimum, parameter.maximum, parameter.unit
-    words = [*(['from', lower] if lower else []), *(['to', upper] if upper else []), unit]
-    return ' '.join(filter(None, words))
 
 
 def line_count(text: str) -> int:

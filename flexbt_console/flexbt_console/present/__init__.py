@@ -13,6 +13,7 @@ from .json_form import (
     tree_json,
 )
 from .rendering import (
+    BOOLEANS,
     age_text,
     alarm_line,
     asked_text,
@@ -27,10 +28,12 @@ from .rendering import (
     decision_line,
     event_line,
     left_out_text,
+    limits_text,
     link_line,
     link_word,
     log_lines,
     not_paused_lines,
+    parameter_text,
     peer_line,
     place_text,
     places_lines,
@@ -50,6 +53,7 @@ from .rendering import (
 from .tone import Line, Tone, coloured, has_colours, tone_of
 
 __all__ = [
+    'BOOLEANS',
     'SETTLE_SECONDS',
     'Event',
     'Follower',
@@ -73,11 +77,13 @@ __all__ = [
     'failure_json',
     'has_colours',
     'left_out_text',
+    'limits_text',
     'link_line',
     'link_word',
     'log_lines',
     'map_json',
     'not_paused_lines',
+    'parameter_text',
     'peer_line',
     'place_text',
     'places_lines',

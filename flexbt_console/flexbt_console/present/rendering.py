@@ -14,6 +14,7 @@ from flexbt_console.mirror import (
     ActiveState,
     AutonomyLevel,
     Behavior,
+    BehaviorParameter,
     CommandKind,
     CommandState,
     Confirmation,
@@ -42,6 +43,9 @@ from flexbt_console.mirror import (
 from flexbt_core.values import counted, lines, one_line
 
 from .tone import Line, Tone, tone_of
+
+BOOLEANS: Final = ('false', 'true')
+"""What a parameter that is a bool is written as."""
 
 LABEL_LENGTH: Final = 40
 """How many characters are shown of what a command is called."""
@@ -300,6 +304,22 @@ def not_paused_lines(state: ActiveState) -> list[str]:
 
 def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
     """The behaviors and their parameters."""
+def limits_text(parameter: BehaviorParameter) -> str:
+    """Return the limits of a parameter with its unit, as in ``from 0 to 1 m/s``; '' where it has neither."""
+    lower, upper, unit = (one_line(text) for text in (parameter.minimum, parameter.maximum, parameter.unit))
+    return ' '.join([*(['from', lower] if lower else []), *(['to', upper] if upper else []), *([unit] if unit else [])])
+
+
+def parameter_text(parameter: BehaviorParameter) -> str:
+    """Return what a form says of a parameter: its label and name, what it may be, and what it means."""
+    name, label = one_line(parameter.name), one_line(parameter.label)
+    choices = parameter.choices or BOOLEANS * (parameter.type == 'bool')
+    may_be = ' | '.join(map(one_line, choices)) or one_line(parameter.type)
+    told = ', '.join(filter(None, (may_be, limits_text(parameter))))
+    head = f'{label} [{name}]' if label not in ('', name) else name
+    return f'{head} ({told})  {one_line(parameter.description)}'.rstrip()
+
+
     shown = []
     for behavior in known:
         error = f'  CANNOT BE USED: {one_line(behavior.error)}' if behavior.error else ''
@@ -307,9 +327,13 @@ def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
         if behavior.description:
             shown.append(f'    {one_line(behavior.description)}')
         for parameter in behavior.parameters:
-            choices = f' of {", ".join(map(one_line, parameter.choices))}' if parameter.choices else ''
-            text = f'    {one_line(parameter.name)}={one_line(parameter.default)}  {one_line(parameter.type)}{choices}'
-            shown.append(f'{text}  {one_line(parameter.description)}'.rstrip())
+            shown.append(f'    {parameter_text(parameter)}, default {one_line(parameter.default)}')
+        for known_input in behavior.inputs:
+            needed = ', needed' * known_input.needed
+            type = one_line(known_input.type) or 'any type'
+            shown.append(
+                f'    input {one_line(known_input.key)} ({type}{needed})  {one_line(known_input.description)}'.rstrip()
+            )
     return shown or ['no behaviors are installed on the robot']
 
 

@@ -328,6 +328,47 @@ def test_a_pose_is_pointed_at_on_the_map() -> None:
     on_screen(robot, steps)
 
 
+def test_a_cursor_that_was_not_moved_is_no_answer() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('g', 'enter')
+        await seen(robot, pilot)
+        assert robot.link.sent == [] and 'the cursor was not moved yet' in text_of(app)
+        robot.show(WHERE)
+        await pilot.press('greater_than_sign', 'enter')  # there, and another heading
+        assert robot.link.kinds == [CommandKind.ANSWER]
+
+    on_screen(robot, steps)
+
+
+def test_an_answer_that_is_typed_on_the_screen_itself_declines_and_repeats_nothing() -> None:
+    robot = Robot()
+    robot.show(WHERE)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for typed in ('dock', 'retry', 'recover', 'done'):
+            await pilot.press(*typed, 'enter', 'escape', 'escape')
+            assert robot.link.sent == [], typed
+        await pilot.press('d', 'enter')
+        assert robot.link.kinds == [CommandKind.DECLINE]
+
+    on_screen(robot, steps)
+
+
+def test_enter_on_an_offer_that_was_marked_shows_it_before_it_is_done() -> None:
+    robot = Robot()
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        first, second, *_ = offers('lock', robot.mirror.view())
+        assert (first.line, second.line) == ('lock', 'unlock')
+        await pilot.press(*':lock', 'down', 'enter')
+        assert app.query_one('#line', Input).value == 'unlock' and app._line.is_open
+
+    on_screen(robot, steps)
+
+
 def test_pointing_ends_with_the_question() -> None:
     robot = Robot()
     robot.show(WHERE)
@@ -374,7 +415,7 @@ def test_keys_give_the_commands_of_the_registry() -> None:
     robot = Robot()
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('p', 'plus', 'l', 'b', 'r', 'c')
+        await pilot.press('p', 'plus', 'l', 'b', 'r', 'enter', 'c')
         expected = [
             CommandKind.PAUSE,
             CommandKind.AUTONOMY,

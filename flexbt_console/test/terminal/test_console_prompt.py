@@ -99,9 +99,11 @@ def test_answering(text: str) -> None:
     assert '"x": 1.0, "y": 2.0' in sent.inputs[0].text
 
 
-def test_a_number_picks_a_choice_unless_it_is_one() -> None:
+def test_a_number_picks_a_choice_and_asks_where_it_is_another_one_itself() -> None:
     assert command('10', view(NUMBERS), 'i3').inputs[0].text == '10'
-    assert command('1', view(NUMBERS), 'i3').inputs[0].text == '1'
+    with pytest.raises(RefusedError, match="1 is an answer, and the number of '20'; write: input 1"):
+        command('1', view(NUMBERS), 'i3')
+    assert command('input 1', view(NUMBERS), 'i3').inputs[0].text == '1'
     assert command('2', view(NUMBERS), 'i3').inputs[0].text == '10'
     with pytest.raises(RefusedError, match='1 to 3'):
         command('4', view(NUMBERS), 'i3')

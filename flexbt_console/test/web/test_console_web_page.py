@@ -11,12 +11,15 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.commands import COMMANDS
 from flexbt_console.mirror import (
     ActiveState,
     Behavior,
+    BehaviorInput,
     BehaviorList,
     BehaviorParameter,
     CommandKind,
@@ -248,7 +251,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         browser.until_text('map-keys', 'arrows')
         browser.press('g')
         browser.until_it_may_be_answered()
-        browser.press(Keys.ENTER)  # shows the cursor, and sends nothing that was not to be seen
+        browser.press(Keys.ENTER, Keys.ENTER)  # shows the cursor, and sends nothing that was not aimed at
         browser.until_text('map-cursor', 'cursor x 2.00 y 2.00 yaw 0.00')
         browser.press(Keys.ARROW_RIGHT, Keys.ARROW_UP, '<')
         browser.until_text('map-cursor', 'yaw 0.39')
@@ -352,14 +355,15 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
             assert browser.run(seen, browser.driver.find_element(By.CSS_SELECTOR, selector)), selector
         assert browser.run('return document.documentElement.scrollWidth <= innerWidth')
         assert browser.run(hidden) is None
-        for keys in ('f', 's', (Keys.ENTER,)):  # the last opens the form of the behavior
+        for keys in ('f', 's', (Keys.DOWN, Keys.ENTER)):  # the last opens the form of the behavior
             browser.press(*keys)
             browser.until(lambda: browser.run('return document.querySelector("dialog").open'))
             assert browser.run(hidden) is None
             if keys == 'f':
                 browser.press(Keys.ESCAPE)
                 browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
-        assert next(spec.options_hint for spec in COMMANDS if spec.name == 'switch') in browser.text('dialog-body')
+        (switch,) = (spec for spec in COMMANDS if spec.name == 'switch')
+        browser.until(lambda: all(one.help in browser.text('dialog-body') for one in switch.prompt_options))
 
 
 def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(browser: Browser) -> None:
@@ -375,7 +379,8 @@ def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(bro
             assert browser.run('return document.getElementById("runs").getBoundingClientRect().width') > 120
             browser.press('c')
             browser.until(lambda: browser.run('return document.querySelector("dialog").open'))
-            assert browser.text('dialog-body').split('\n') == ['handover bob', 'refuse bob', 'release']
+            shown = [line for line in browser.text('dialog-body').split('\n') if line]
+            assert shown == ['handover bob', 'refuse bob', 'release']
             browser.driver.find_element(By.CSS_SELECTOR, '#dialog-body button').click()
             assert robot.wait_sent(1)[0].kind is CommandKind.HAND_OVER_AUTHORITY
     finally:
@@ -406,6 +411,103 @@ def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_shown_agai
         robot.show(waiting[1])
         browser.until(lambda: browser.run('return document.getElementById("choose-waiting").hidden'))
         assert len(robot.sent) == 1
+
+
+def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser: Browser) -> None:
+    robot = WebRobot(is_drawn=True)
+    speed = BehaviorParameter('speed', 'float', '0.3', (), 'while it carries', 'Top speed', 'm/s', '0', '1.5')
+    goal = BehaviorInput('goal', 'geometry_msgs/PoseStamped', 'where to drive', needed=True)
+    behaviors = (
+        Behavior('Broken', error='ImportError: no module named moveit'),
+        Behavior('Patrol', parameters=(speed,), inputs=(goal,)),
+    )
+    robot.mirror.receive_behaviors(BehaviorList('e', behaviors))
+    robot.show(PLAN)
+
+    def type_into(key: str, text: str, *keys: str) -> None:
+        browser.run('document.activeElement.blur()')
+        browser.press(key)
+        browser.until(lambda: browser.run('return document.querySelector("dialog .find") === document.activeElement'))
+        browser.press(text, *keys)
+
+    def leave() -> None:
+        browser.press(Keys.ESCAPE)
+        browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
+
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.run('return document.querySelector("[data-choice]") !== null'))
+        for typed, told in (('', 'nothing is chosen yet'), ('fail', 'no line has this name'), ('x', 'no line')):
+            type_into('f', typed, Keys.ENTER, Keys.ENTER)
+            browser.until_text('dialog-body', told)
+            leave()
+        assert robot.sent == []
+        type_into('f', 'failed', Keys.ENTER)
+        assert robot.wait_sent(1)[0].outcome == 'failed'
+        browser.until_text('told', 'applied')  # and not confirmed by the same Enter
+        assert len(robot.sent) == 1
+        browser.until_text('decision-line', 'nothing waits')
+        type_into('f', 'fa', Keys.DOWN, Keys.ENTER)  # the only line that fits
+        assert robot.wait_sent(2)[1].outcome == 'failed'
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+        browser.until_text('start', 'Start')
+        type_into('s', 'broken', Keys.ENTER)
+        browser.until_text('dialog-body', 'not possible: ImportError: no module named moveit')
+        leave()
+        type_into('s', 'patrol', Keys.ENTER)
+        browser.until_text('dialog-body', 'Top speed [speed] (float, from 0 to 1.5 m/s) while it carries')
+        browser.press(Keys.END, '5', Keys.ENTER)
+        invalid = 'return document.querySelector("dialog input:invalid")?.validationMessage ?? ""'
+        browser.run('document.querySelector("dialog [name=goal]").value = "kitchen"')
+        browser.run('document.querySelector("dialog [name=goal]").dispatchEvent(new Event("input"))')
+        browser.run('document.querySelector("#dialog-body input").select()')
+        browser.press('9', Keys.ENTER)
+        browser.until(lambda: 'beyond its limits' in browser.run(invalid))
+        assert len(robot.sent) == 2
+        browser.press(Keys.BACKSPACE, '1.5', Keys.ENTER)
+        start = robot.wait_sent(3)[2]
+        assert (start.kind, start.arguments) == (CommandKind.START, (('speed', '1.5'),))
+        assert [one.key for one in start.inputs] == ['goal']
+        browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
+        # A level of autonomy is a button of its own: none is sent on the way to another.
+        browser.driver.find_element(By.CSS_SELECTOR, '#autonomy [value="3"]').click()
+        assert robot.wait_sent(4)[3].autonomy == 3
+
+
+def test_what_is_typed_into_a_list_of_the_page_is_what_is_taken_or_nothing(browser: Browser) -> None:
+    names = [
+        ['done', 'Drive done'],
+        ['failed', 'Drive failed'],
+        ['Done', 'Look Done'],
+        ['seen it'],
+        ['done', 'Look done'],
+    ]
+    take = (
+        'const {Commands} = await import("./commands.js"), taken = [];'
+        'const rows = arguments[0].map((names, row) => ({text: names[0], names, run: () => taken.push(row)}));'
+        'const list = Commands.prototype.list(rows), field = list.querySelector("input");'
+        'field.value = arguments[1];'
+        'field.dispatchEvent(new Event("input"));'
+        'for (let n = 0; n < 2; n++) field.dispatchEvent(new KeyboardEvent("keydown", {key: "Enter", bubbles: true}));'
+        'return taken'
+    )
+    some = st.sampled_from([name for row in names for name in row])
+
+    @given(st.one_of(some, some.map(lambda name: name[:3]), some.map(str.upper), st.text(max_size=8)))
+    @settings(max_examples=100, deadline=None)
+    def type_it(word: str) -> None:
+        typed = ' '.join(word.split())
+        exact = [row for row, known in enumerate(names) if typed in known]
+        same = [row for row, known in enumerate(names) if typed.lower() in [name.lower() for name in known]]
+        meant = exact or same
+        taken = browser.run(take, names, word)
+        assert set(taken) == (set(meant) if typed and len(meant) == 1 else set())
+
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        type_it()
 
 
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:

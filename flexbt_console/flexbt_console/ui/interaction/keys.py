@@ -25,7 +25,8 @@ Written = Callable[[View, str | None], list[str]]
 class Key:
     """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
 
-    ``sends``: it gives a command that needs a live link, and the authority where somebody has it.
+    ``sends``: it gives a command that needs a live link, and the authority where somebody has it. ``asks``: its line is
+    shown first, and Enter sends it; so for what cannot be undone, by keys with which an answer may begin.
     ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
     it now.
     """
@@ -40,6 +41,7 @@ class Key:
     rank: int = 1
     needs: Callable[[View, str | None], bool] = lambda view, operator: False
     sends: bool = False
+    asks: bool = False
 
     def can_be_used(self, view: View, operator: str | None) -> bool:
         """Whether it has an effect now, as far as is known; what is pressed all the same says why it has none."""
@@ -159,12 +161,13 @@ _OF_DECISION: Final = (
         ('d',),
         'd',
         'decline',
-        'decline to give the value that is asked for',
+        'decline to give the value that is asked for; Enter sends it',
         'decline',
         _wants_value,
         _line('decline'),
         rank=3,
         sends=True,
+        asks=True,
     ),
 )
 
@@ -245,12 +248,13 @@ _OF_RUN: Final = (
         ('r',),
         'r',
         'repeat',
-        'leave the active state and enter it again',
+        'leave the active state and enter it again; Enter sends it',
         'repeat',
         _is_active,
         _repeat,
         rank=3,
         sends=True,
+        asks=True,
     ),
     Key(
         ('c',),

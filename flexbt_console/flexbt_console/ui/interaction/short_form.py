@@ -143,11 +143,14 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
     _require_live(view)
     choices = decision.choices
     chosen = text
-    if text not in choices and text.isascii() and text.isdigit() and choices:
-        number = int(text)
-        if not 1 <= number <= len(choices):
-            raise RefusedError(f'{number} is none of the choices 1 to {len(choices)}')
-        chosen = choices[number - 1]
+    if text.isascii() and text.isdigit() and choices:
+        counted = choices[int(text) - 1] if len(text) < 6 and 1 <= int(text) <= len(choices) else None
+        if text in choices and counted not in (None, text):
+            verb = 'input' if decision.kind is DecisionKind.INPUT else 'force'
+            raise RefusedError(f'{text} is an answer, and the number of {shown(counted)}; write: {verb} {text}')
+        if text not in choices and counted is None:
+            raise RefusedError(f'{shown(text)} is none of the choices 1 to {len(choices)}')
+        chosen = text if counted is None else counted
     if decision.kind is DecisionKind.INPUT and not choices and decision.wants_text:
         # Any mistyped command would be a valid answer.
         raise RefusedError(f'{text!r} is no command; a text is answered by: input "..."')

@@ -380,7 +380,9 @@ class OperatorScreen(OrderedApp):
             raise RefusedError(f'{key.label}: {why}')
         if key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
-        elif len(written := key.lines(view, self._station.make.operator)) == 1:
+        elif len(written := key.lines(view, self._station.make.operator)) == 1 and key.asks:
+            self._line.open(written[0])
+        elif len(written) == 1:
             self.do(written[0])
         else:
             entries = [Entry(line, (line, line.partition(' ')[2])) for line in written]
@@ -466,6 +468,9 @@ class OperatorScreen(OrderedApp):
 
     def action_enter_line(self) -> None:
         """A line was typed; it belongs to the decision that was on the screen when it was begun."""
+        if self._line.take_marked():
+            self.draw()
+            return
         text, bound = self._line.close(), self._line.bound
         if self._replay is not None and text.startswith('/'):
             self._replay.find(text[1:])
@@ -644,13 +649,13 @@ class OperatorScreen(OrderedApp):
         self.exit()
 
 
+def _label(path: str) -> str:
+    return path.rpartition('/')[2]
+
+
 def _timeless(view: View) -> View:
     """What is shown of a robot at rest, whose heartbeat tells nothing new; of another one all, which is never the same
     twice."""
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))
-def _label(path: str) -> str:
-    return path.rpartition('/')[2]
-
-

@@ -21,12 +21,12 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Input, Label, OptionList
 from textual.widgets.option_list import Option
 
-from flexbt_console.commands import CommandSpec, Typed, limits_text, parameter_value, start_input
+from flexbt_console.commands import CommandSpec, Typed, parameter_value, start_input
 from flexbt_console.commands import Option as CommandOption
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import POSE_TYPES, Behavior, BehaviorInput, BehaviorParameter, Pose, View
 from flexbt_console.pictures import fold, map_image, where_text
-from flexbt_console.present import Line, tone_of
+from flexbt_console.present import BOOLEANS, Line, parameter_text, tone_of
 from flexbt_core.values import one_line, shown
 
 from .panes import Pane, styled
@@ -39,9 +39,6 @@ IMAGE_SECONDS: Final = 2.0
 
 MOST_ROWS: Final = 100
 """Of one line."""
-
-CHOICES: Final = {'bool': ('false', 'true')}
-"""The values of a type that has few."""
 
 
 class Entry(NamedTuple):
@@ -215,7 +212,7 @@ class ParameterField(FormField):
     """The value of a parameter of a behavior."""
 
     def __init__(self, parameter: BehaviorParameter) -> None:
-        choices = parameter.choices or CHOICES.get(parameter.type, ())
+        choices = parameter.choices or BOOLEANS * (parameter.type == 'bool')
         default = parameter.default
         if parameter.choices and default not in choices:
             default = choices[0]
@@ -332,15 +329,6 @@ class StartForm(ModalScreen[str | None]):
                 self.query_one('.dialog').border_subtitle = Text(one_line(str(error)), 'bold')
                 return
         self.dismiss(shlex.join(words))
-
-
-def parameter_text(parameter: BehaviorParameter) -> str:
-    """What a form says of a parameter: its label and name, what it may be, and what it means."""
-    name = one_line(parameter.name)
-    head = f'{one_line(parameter.label)} [{name}]' if parameter.label not in ('', parameter.name) else name
-    may_be = ' | '.join(map(one_line, parameter.choices or CHOICES.get(parameter.type, ()))) or one_line(parameter.type)
-    limits = one_line(limits_text(parameter))
-    return f'{head} ({may_be}{f", {limits}" if limits else ""})  {one_line(parameter.description)}'.rstrip()
 
 
 class ReadingDialog(ModalScreen[None]):

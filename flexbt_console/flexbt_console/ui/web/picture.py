@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
-from flexbt_console.commands import COMMANDS
+from flexbt_console.commands import COMMANDS, Typed
 from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LinkState, LogLine, RobotOverview, TreeRun, View
 from flexbt_console.present import (
+    BOOLEANS,
     age_text,
     alarm_line,
     asked_text,
@@ -18,6 +19,7 @@ from flexbt_console.present import (
     link_word,
     log_lines,
     not_paused_lines,
+    parameter_text,
     peer_line,
     pose_text,
     progress_text,
@@ -36,8 +38,22 @@ from .drawings import machine_drawing, tree_drawing
 MOST_CELLS: Final = 1_000_000
 """Cells of a map that a page gets; of a larger one several cells become one."""
 
+_NOTHING: Final = View(LinkState.LOST, None)
+
 COMMAND_PART: Final = [
-    {'name': spec.name, 'usage': spec.prompt_usage, 'summary': spec.summary, 'options': spec.options_hint}
+    {
+        'name': spec.name,
+        'usage': spec.prompt_usage,
+        'summary': spec.summary,
+        'fields': [
+            {
+                'name': option.name,
+                'help': option.help if option.value is None else f'{option.value}: {option.help}',
+                'choices': [*option.values(Typed((), _NOTHING))] if option.values is not None else [],
+            }
+            for option in spec.prompt_options
+        ],
+    }
     for spec in COMMANDS
     if spec.in_prompt
 ]
@@ -49,7 +65,12 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'link': {'state': view.link.value, 'word': link_word(view), 'problem': one_line(view.problem)},
         'status': _status(view, operator),
         'actions': {
-            key.action: {'help': key.help, 'blocked': key.blocked(view), 'lines': key.lines(view, operator)}
+            key.action: {
+                'help': key.help,
+                'blocked': key.blocked(view),
+                'lines': key.lines(view, operator),
+                'asks': key.asks,
+            }
             for key in KEYS
             if key.lines is not None
         },
@@ -173,18 +194,31 @@ def _behaviors(view: View) -> list[dict[str, Any]]:
         {
             'name': behavior.name,
             'description': one_line(behavior.description),
+            'error': one_line(behavior.error),
             'parameters': [
                 {
                     'name': parameter.name,
+                    'label': parameter.label,
                     'default': parameter.default,
-                    'choices': parameter.choices,
-                    'help': one_line(f'{parameter.type}  {parameter.description}'),
+                    'choices': parameter.choices or BOOLEANS * (parameter.type == 'bool'),
+                    'help': parameter_text(parameter),
+                    'type': parameter.type,
+                    'minimum': parameter.minimum,
+                    'maximum': parameter.maximum,
                 }
                 for parameter in behavior.parameters
             ],
+            'inputs': [
+                {
+                    'key': known.key,
+                    'type': known.type,
+                    'help': one_line(f'{known.type or "TYPE:VALUE"}  {known.description}'),
+                    'needed': known.needed,
+                }
+                for known in behavior.inputs
+            ],
         }
         for behavior in view.behaviors or ()
-        if not behavior.error
     ]
 
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from rich.text import Text
 
+from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, View
 from flexbt_console.pictures import Frame, Glyphs, MapCanvas, cut, where_text
 
@@ -29,6 +30,7 @@ class MapPane:
         self._frame: Frame | None = None
         self._cursor: tuple[float, float] | None = None
         self._yaw = 0.0
+        self._is_aimed = False
         self._decision = ''
         self._drawn: tuple[object, Text] | None = None
 
@@ -54,6 +56,7 @@ class MapPane:
         middle = self._frame.centre(self._frame.columns // 2, self._frame.rows // 2)
         self._cursor = (robot.x, robot.y) if robot is not None else middle
         self._yaw = robot.yaw if robot is not None else 0.0
+        self._is_aimed = False
         self._decision = view.decision.id
         return True
 
@@ -67,6 +70,7 @@ class MapPane:
             self._cursor = x + across * 2.0 * self._frame.step, y - down * 4.0 * self._frame.step
         else:
             self._yaw = math.remainder(self._yaw + CURSOR_TURNS[key], math.tau)
+        self._is_aimed = True
         return True
 
     def leave(self) -> None:
@@ -81,8 +85,14 @@ class MapPane:
         return True
 
     def answer(self, view: View) -> tuple[str, Decision | None]:
-        """What the cursor says, and the decision that it answers, None when that is gone; takes the cursor away."""
+        """What the cursor says, and the decision that it answers, None when that is gone; takes the cursor away.
+
+        Raises:
+            RefusedError: the cursor was neither moved nor turned.
+        """
         assert self._cursor is not None
+        if not self._is_aimed:
+            raise RefusedError('the cursor was not moved yet: arrows move it, < > turn it; nothing was sent')
         text = f'{self._cursor[0]:.3f} {self._cursor[1]:.3f} {self._yaw:.3f}'
         self._cursor = None
         return text, view.pending(self._decision)

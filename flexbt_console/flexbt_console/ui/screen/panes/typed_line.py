@@ -72,6 +72,14 @@ class TypedLine(Input):
         """Mark another one."""
         self._marked = min(max(0, self._marked + by), max(0, len(offers(self.value, self._view())) - 1))
 
+    def take_marked(self) -> bool:
+        """Become what was marked with the arrows, which is to be seen before it is done; False when that is typed."""
+        is_another = self._marked > 0 and self._completed(self.value) != self.value
+        if is_another:
+            self.value = self._completed(self.value) or self.value
+            self.cursor_position = len(self.value)
+        return is_another
+
     def complete(self) -> None:
         """Become what is marked; at the end of the line, where that is seen."""
         if self.cursor_position == len(self.value):

@@ -151,12 +151,15 @@ function drawHead() {
   byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
   byId('stop').disabled = !server.open;
   const blocked = [...ACTIONS.filter((action) => action !== 'stop').map((action) => [action, known.actions[action]?.blocked]),
-    ['force', running ? '' : 'no state is active'], ['start', ''], ['note', ''], ['autonomy', '']];
+    ['force', running ? '' : 'no state is active'], ['start', ''], ['note', '']];
   for (const [id, why] of blocked) {
     byId(id).disabled = !live || Boolean(why);
     byId(id).title = live ? why ?? '' : 'the picture is not live';
   }
-  if (status && document.activeElement !== byId('autonomy')) byId('autonomy').value = String(status.autonomy);
+  for (const button of byId('autonomy').querySelectorAll('button')) {
+    button.disabled = !live;
+    button.setAttribute('aria-pressed', String(button.value === String(status?.autonomy)));
+  }
   const marks = [['locked', status?.locked ?? []], ['breakpoint', status?.breakpoints ?? []]];
   const names = known.active.states.map((state) => `▶ ${state.path}${state.paused ? ' (paused)' : ''}${
     marks.map(([mark, paths]) => paths.includes(state.path) ? ` (${mark})` : '').join('')}${state.activity.length ? `: ${state.activity.join('; ')}` : ''}`);

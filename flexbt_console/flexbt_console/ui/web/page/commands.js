@@ -10,6 +10,14 @@ export const ACTIONS = ['stop', 'pause', 'repeat', 'lock', 'breakpoint', 'author
 
 const byId = (id) => document.getElementById(id);
 
+// Why a text is no value of a parameter; '' when it is one.
+function problem({type, minimum, maximum}, text) {
+  const number = Number(text);
+  if (type === 'int' ? !/^\s*[+-]?\d+\s*$/.test(text) : type === 'float' && (!text.trim() || Number.isNaN(number))) return `expected ${type === 'int' ? 'a whole number' : 'a number'}`;
+  if (['int', 'float'].includes(type) && ((minimum && number < Number(minimum)) || (maximum && number > Number(maximum)))) return `beyond its limits (${minimum} to ${maximum})`;
+  return '';
+}
+
 // A word as the prompt reads it (POSIX shell quoting).
 export const word = (text) => /^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`;
 
@@ -20,7 +28,7 @@ export class Commands {
     this.specs = [];
     this.lineBound = null;
     for (const action of ACTIONS) byId(action).addEventListener('click', () => this.act(action));
-    byId('autonomy').addEventListener('change', (event) => this.do(`autonomy ${event.target.value}`));
+    for (const button of byId('autonomy').querySelectorAll('button')) button.addEventListener('click', () => this.do(`autonomy ${button.value}`));
     byId('start').addEventListener('click', () => this.start());
     byId('force').addEventListener('click', () => this.force());
     byId('note').addEventListener('click', () => this.type('note '));
@@ -36,74 +44,128 @@ export class Commands {
     this.send({do: line, decision});
   }
 
-  // What a key of the screen's table means now: a line, or one of several.
+  // A key of the screen's table: as its button, but what it asks about is typed first, and sent by Enter.
+  press(action) {
+    const {asks, blocked, lines} = this.now().actions[action] ?? {};
+    if (asks && !blocked && lines.length === 1) this.type(lines[0]);
+    else this.act(action);
+  }
+
+  // What the button of such a key means now: a line, or one of several.
   act(action) {
     const {blocked, lines, help} = this.now().actions[action] ?? {lines: [action]};  // nothing was heard of the robot yet
     if (blocked) this.tell(blocked, 'warning');
     else if (lines.length === 1) this.do(lines[0]);
-    else this.read(help, this.list(lines.map((line) => [line, line])));
+    else this.read(help, this.lines(lines.map((line) => [line, [line, line.slice(line.indexOf(' ') + 1)], line])));
   }
 
   force() {
-    const rows = this.now().active.states.flatMap((state) =>
-      state.outcomes.map((outcome) => [`leave ${state.path} by ${outcome}`, `force ${word(state.path)} ${word(outcome)}`]));
-    this.read('leave an active state', rows.length ? this.list(rows) : 'the outcomes of the active state are not known yet');
+    const rows = this.now().active.states.flatMap(({path, outcomes}) => outcomes.map((outcome) => {
+      const of = [path, path.slice(path.lastIndexOf('/') + 1)];
+      return [`leave ${path} by ${outcome}`, [outcome, ...of.flatMap((one) => [`${one} ${outcome}`, `${one}: ${outcome}`])], `force ${word(path)} ${word(outcome)}`];
+    }));
+    this.read('leave an active state', rows.length ? this.lines(rows) : 'the outcomes of the active state are not known yet');
   }
 
-  // Buttons of texts, with the line that each gives; it belongs to the decision that is on the page now.
-  list(rows) {
+  // A list of lines to send, [text, names, line]; each belongs to the decision that is on the page now.
+  lines(rows) {
     const decision = this.bar.id;
-    return element('ul', {}, ...rows.map(([text, line]) => {
-      const button = element('button', {type: 'button'}, text);
-      button.addEventListener('click', () => { byId('dialog').close(); this.do(line, decision); });
-      return element('li', {}, button);
-    }));
+    return this.list(rows.map(([text, names, line]) => ({text, names, run: () => this.do(line, decision)})));
+  }
+
+  // A list that is filtered as one types, as that of the screen: nothing is preselected. Enter in its field takes the only
+  // row one of whose names is what was typed; Up and Down go to the buttons. A row has {text, names, run, about, refusal}.
+  list(rows) {
+    const field = element('input', {class: 'find', 'aria-label': 'type to find', placeholder: 'type to find, or go down to a line', autocomplete: 'off'});
+    const told = element('p', {class: 'hint', role: 'status'});
+    const list = element('ul', {});
+    const take = ({refusal, run}) => {
+      if (refusal) { told.textContent = plain(`not possible: ${refusal}`); return; }
+      byId('dialog').close();
+      run();
+    };
+    const made = rows.map((row) => {
+      const button = element('button', {type: 'button'}, row.text);
+      button.disabled = Boolean(row.refusal);
+      button.addEventListener('click', () => take(row));
+      const item = element('li', {}, button, row.about ? ` ${row.about}` : '', row.refusal ? element('span', {class: 'dim'}, ` (not possible: ${row.refusal})`) : '');
+      list.append(item);
+      return {row, button, item};
+    });
+    field.addEventListener('input', () => {
+      const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+      for (const {row, item} of made) item.hidden = !words.every((one) => row.names.join(' ').toLowerCase().includes(one));
+      told.textContent = '';
+    });
+    const body = element('div', {}, field, told, list);
+    body.addEventListener('keydown', (event) => {
+      const by = {ArrowDown: 1, ArrowUp: -1}[event.key];
+      if (by) {
+        const stops = [field, ...made.filter(({item, button}) => !item.hidden && !button.disabled).map(({button}) => button)];
+        stops[Math.min(Math.max(0, stops.indexOf(document.activeElement) + by), stops.length - 1)].focus();
+      } else if (event.key === 'Enter' && event.target === field) {
+        const typed = field.value.trim().replace(/\s+/g, ' ');
+        const named = (same) => typed ? rows.filter((row) => row.names.some((name) => same(name.replace(/\s+/g, ' ')) === same(typed))) : [];
+        const exact = named((text) => text);
+        const found = exact.length ? exact : named((text) => text.toLowerCase());
+        if (found.length === 1) take(found[0]);
+        else told.textContent = found.length ? `${found.length} lines have this name: go down to one` : typed
+          ? 'no line has this name: type it in full, or go down to a line' : 'nothing is chosen yet: type a name, or go down to a line';
+      } else return;
+      event.preventDefault();
+      event.stopPropagation();  // what has closed the dialog must not confirm a decision, too
+    });
+    return body;
   }
 
   start() {
     const {behaviors, status} = this.now();
     const verb = status?.running ? 'switch' : 'start';
-    const list = element('ul', {});
-    for (const behavior of behaviors) {
-      const button = element('button', {type: 'button'}, behavior.name);
-      button.addEventListener('click', () => this.fill(verb, behavior));
-      list.append(element('li', {}, button, ` ${behavior.description}`));
-    }
-    this.read(`${verb} a behavior`, behaviors.length ? list : 'the robot has not said which behaviors it has');
+    const rows = behaviors.map((behavior) => (
+      {text: behavior.name, names: [behavior.name], about: behavior.description, refusal: behavior.error, run: () => this.fill(verb, behavior)}));
+    this.read(`${verb} a behavior`, rows.length ? this.list(rows) : 'the robot has not said which behaviors it has');
   }
 
+  // A field for each parameter and input of the behavior, and for each option of the command.
   fill(verb, behavior) {
     const form = element('form', {});
-    const fields = behavior.parameters.map((parameter) => {
-      const field = element(parameter.choices.length ? 'select' : 'input', {name: parameter.name});
-      for (const choice of parameter.choices) field.append(element('option', {value: choice}, choice));
-      field.value = parameter.default;
-      form.append(element('label', {class: 'field'}, parameter.name, field, element('span', {}), element('span', {class: 'hint'}, parameter.help)));
-      return [parameter, field];
-    });
-    const options = element('input', {name: 'options'});
-    const known = this.specs.find((spec) => spec.name === verb).options;
-    form.append(element('label', {class: 'field'}, 'options', options, element('span', {}), element('span', {class: 'hint'}, known)));
+    const fields = [];
+    const add = (name, told, choices, value, written, check = () => '') => {
+      const field = element(choices.length ? 'select' : 'input', {name, autocomplete: 'off'});
+      for (const choice of choices) field.append(element('option', {value: choice}, choice));
+      field.value = value;
+      form.append(element('label', {class: 'field'}, name, field, element('span', {}), element('span', {class: 'hint'}, told)));
+      field.addEventListener('input', () => field.setCustomValidity(check(field.value)));
+      fields.push(() => written(field.value));
+    };
+    for (const parameter of behavior.parameters) {
+      add(parameter.label || parameter.name, parameter.help, parameter.choices, parameter.default,
+        (value) => value === parameter.default ? [] : [`${parameter.name}=${value}`], (value) => problem(parameter, value));
+    }
+    const known = this.specs.find((spec) => spec.name === verb).fields;
+    if (known.some(({name}) => name === '--input')) {
+      for (const {key, type, help, needed} of behavior.inputs) {
+        add(key, help, [], '', (value) => value ? ['--input', `${key}=${type}${type && ':'}${value}`] : [], (value) => needed && !value ? `${key} is needed` : '');
+        form.querySelector('label:last-of-type input').required = needed;
+      }
+    }
+    for (const {name, help, choices} of known) {
+      add(name.slice(2), help, choices.length ? ['', ...choices] : [], '', (value) => value ? [name, value] : []);
+    }
     form.append(element('button', {type: 'submit'}, verb));
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       byId('dialog').close();
-      const given = fields.filter(([parameter, field]) => field.value !== parameter.default);
-      const words = [verb, behavior.name, ...given.map(([parameter, field]) => `${parameter.name}=${field.value}`)].map(word);
-      this.do([...words, options.value].join(' ').trim());
+      this.do([verb, behavior.name, ...fields.flatMap((written) => written())].map(word).join(' '));
     });
     this.read(`${verb} ${behavior.name}`, form);
   }
 
   help() {
-    const rows = this.specs.map((spec) => {
-      const button = element('button', {type: 'button'}, element('code', {}, spec.usage));
-      button.addEventListener('click', () => { byId('dialog').close(); this.type(`${spec.name} `); });
-      return element('li', {}, button, ` ${spec.summary}`);
-    });
+    const rows = this.specs.map((spec) => ({text: spec.usage, names: [spec.name, spec.summary], about: spec.summary, run: () => this.type(`${spec.name} `)}));
     const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, s start, f force, r repeat, ' +
       'l lock, b breakpoint, c authority, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
-    this.read('commands', element('div', {}, element('p', {}, keys), element('ul', {}, ...rows)));
+    this.read('commands', element('div', {}, element('p', {}, keys), this.list(rows)));
   }
 
   read(title, body) {
@@ -156,7 +218,7 @@ export class Commands {
     const onButton = !left && event.target.closest?.('button, a');
     if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     const actions = {
-      '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.act('repeat'),
+      '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.press('repeat'),
       a: () => this.bar.choose(), l: () => this.act('lock'), b: () => this.act('breakpoint'), c: () => this.act('authority'),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
       Enter: onButton ? null : () => this.bar.confirm(),

@@ -58,7 +58,8 @@ export class RobotMap {
   point(cursor) {
     this.cursor = cursor;
     const yaw = cursor && this.mode === 'pose' ? ` yaw ${Math.atan2(Math.sin(cursor.yaw), Math.cos(cursor.yaw)).toFixed(2)}` : '';
-    this.on.cursor(cursor ? `cursor x ${cursor.x.toFixed(2)} y ${cursor.y.toFixed(2)}${yaw}` : '');
+    const missing = cursor?.aimed === false ? ': move it first, then Enter' : '';
+    this.on.cursor(cursor ? `cursor x ${cursor.x.toFixed(2)} y ${cursor.y.toFixed(2)}${yaw}${missing}` : '');
     this.redraw();
   }
 
@@ -244,11 +245,11 @@ export class RobotMap {
     const step = STEP_PX / (this.view?.scale || 40);
     const move = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]}[event.key] ?? [0, 0];
     const turn = {'<': TURN, '>': -TURN}[event.key] ?? 0;
-    if (event.key === 'Enter' && this.cursor) this.send();
+    if (event.key === 'Enter' && this.cursor?.aimed) this.send();
     else if (event.key === 'Escape') this.leave();
-    else if (move[0] || move[1] || turn || event.key === 'Enter') {  // Enter sends no cursor that was not there to be seen
-      const {x, y, yaw} = this.cursor ?? this.pose ?? {x: 0, y: 0, yaw: 0};
-      this.point({x: x + move[0], y: y + move[1], yaw: yaw + turn});
+    else if (move[0] || move[1] || turn || event.key === 'Enter') {  // Enter sends no cursor that was neither moved nor turned
+      const {x, y, yaw, aimed} = this.cursor ?? this.pose ?? {x: 0, y: 0, yaw: 0};
+      this.point({x: x + move[0], y: y + move[1], yaw: yaw + turn, aimed: aimed || event.key !== 'Enter'});
     } else return;
     event.preventDefault();
     event.stopPropagation();
