@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from lifecycle_msgs.msg import State
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action.server import RCLError
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -26,6 +26,8 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime, make_executor
 
 from .lifecycle_node import OpenLifecycleNode
+
+_USE_SIM_TIME: Final = 'use_sim_time'
 
 
 class ManagedPart:
@@ -60,6 +62,7 @@ class ManagedPart:
             start_parameter_services=has_parameters,
             parameter_overrides=[Parameter('start_type_description_service', value=False)],
         )
+        self._node.add_on_set_parameters_callback(self._refuse_clock)
         self._node.add_post_set_parameters_callback(self._tell_set)
         self._thread = runtime.once(ManagedPart, _PartsThread)
         self._thread.add(self._node)
@@ -80,6 +83,13 @@ class ManagedPart:
         self._thread.remove(self._node)
         self._runtime.nodes.remove(self._node)
         self._node.destroy_node()
+
+    def _refuse_clock(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        if all(parameter.name != _USE_SIM_TIME for parameter in parameters):
+            return SetParametersResult(successful=True)
+        host = self._runtime.node.get_fully_qualified_name()
+        reason = f'{self._node.get_name()} has the time of its process: set {_USE_SIM_TIME} of {host}'
+        return SetParametersResult(successful=False, reason=reason)
 
     def _tell_set(self, parameters: Sequence[Parameter]) -> None:
         def tell() -> None:

@@ -91,4 +91,6 @@ def test_its_parameters_can_be_set_at_any_time_as_those_of_any_node() -> None:
             assert answer(lambda: client.get_parameters(['FollowPath.speed'])).values[0].double_value == 0.2
         (result,) = answer(lambda: client.set_parameters([Parameter('FollowPath.lookahead', value=1.0)])).results
         assert not result.successful
+        (result,) = answer(lambda: client.set_parameters([Parameter('use_sim_time', value=True)])).results
+        assert not result.successful and 'set use_sim_time of /robot1/host' in result.reason
         assert told == [(0.2, True)]
