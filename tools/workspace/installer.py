@@ -107,13 +107,15 @@ class Installer:
         self._uv = python.parent / 'uv'
         self._cache = cache_variables(environment, python.parents[1] / 'cache')
 
-    def install(self, requirements: Sequence[Path], constraints: Path, uv: Path) -> None:
-        """Installs what the files `requirements` name; the file `uv` names uv. Raises CommandError."""
-        files = [word for file in requirements for word in ('--requirement', file)]
-        files += ['--constraint', constraints]
+    def install(self, locks: Sequence[Path], uv: Path) -> None:
+        """Install what the files `locks` name, and only files whose hashes they have; the file `uv` names uv.
+
+        Raises CommandError.
+        """
+        files = ['--require-hashes', *(word for file in locks for word in ('--requirement', file))]
         try:
             with step('installer (uv)') as shown:
-                command = [*self._pip('install'), '--requirement', uv]
+                command = [*self._pip('install'), '--require-hashes', '--requirement', uv]
                 self._run(command, 'setup-uv.log', 'pip', shown, variables=self._cache)
                 variables = self._cache | uv_variables(self._configuration_of_pip(), self._environment)
                 shown.outcome = 'installed'
@@ -131,7 +133,7 @@ class Installer:
         else:
             return
         with step('ROS 2 and tools (pip)') as shown:
-            expected = sum('==' in line for line in constraints.read_text(encoding='utf-8').splitlines())
+            expected = sum(file.read_text(encoding='utf-8').count('==') for file in locks)
             self._run(
                 [*self._pip('install'), *files],
                 'setup-install.log',

@@ -18,10 +18,9 @@ from .prerequisites import suitable_cmake
 from .stamps import STAMP, hash_of, read_stamp, remove, write_stamp
 from .terminal import Step, last_line, run_logged, step
 
-_REQUIREMENTS = ('requirements-ros.txt', 'requirements.txt', 'requirements-dev.txt')
 _CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
 _UV_REQUIREMENT = 'requirements-uv.txt'
-_CONSTRAINTS = 'constraints.txt'
+_LOCK = 'lock.txt'
 _BASE_PYTHON = Path(getattr(sys, '_base_executable', None) or sys.executable)  # workspace.sh has looked for it
 
 # Sourced by colcon's scripts as the set-up of a prefix, and by tools/env.sh. POSIX sh, bash and zsh.
@@ -105,9 +104,7 @@ class VirtualEnvironment:
         return (self.path / 'bin' / 'cmake').exists() or not suitable_cmake(self._environment)
 
     def _requirement_files(self) -> list[Path]:
-        return [
-            self._layout.tools / name for name in (*_REQUIREMENTS, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT, _CONSTRAINTS)
-        ]
+        return [self._layout.tools / name for name in (_LOCK, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT)]
 
     def _usable(self) -> bool:
         """Whether what is there can be completed: of the right Python, and at this place."""
@@ -134,13 +131,13 @@ class VirtualEnvironment:
         shown.outcome = f'made with Python {sys.version_info.major}.{sys.version_info.minor}.{sys.version_info.micro}'
 
     def _install(self, lock: int) -> None:
-        names = [*_REQUIREMENTS, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
+        names = [_LOCK, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
         tools = self._layout.tools
         before, installed_before = read_stamp(self._stamp), self._installed()
         self._stamp.unlink(missing_ok=True)
         installer = Installer(self.python, self._environment, partial(self._run, lock=lock))
         try:
-            installer.install([tools / name for name in names], tools / _CONSTRAINTS, tools / _UV_REQUIREMENT)
+            installer.install([tools / name for name in names], tools / _UV_REQUIREMENT)
         except CommandError as error:
             if before and not error.was_killed and self._installed() == installed_before:
                 write_stamp(self._stamp, before)  # what was here can still be used

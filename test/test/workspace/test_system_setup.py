@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How the set-up installs and builds: where uv looks, what pip does without it, what is generated, what is shown."""
 
+import hashlib
 import json
 import os
 import pwd
+import re
 import subprocess
 import sys
 import time
@@ -88,14 +90,36 @@ def test_who_has_no_home_has_a_place_for_downloads(monkeypatch: pytest.MonkeyPat
     assert cache_variables({}, Path('/spare')) == {'XDG_CACHE_HOME': '/spare'}
 
 
-def test_without_uv_pip_installs_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def pins(file: str) -> dict[str, str]:
+    """What a file of requirements or a lock pins: versions by names."""
+    text = (ROOT / 'tools' / file).read_text(encoding='utf-8')
+    found = re.findall(r'^([A-Za-z0-9_.-]+)(?:\[[^]]*\])?==([^\s;\\]+)', text, re.MULTILINE)
+    return {re.sub(r'[-_.]+', '-', name).lower(): version for name, version in found}
+
+
+def test_the_lock_has_what_is_required_at_its_version_and_hashes_of_all() -> None:
+    locked = pins('lock.txt')
+    for file in ('requirements.txt', 'requirements-ros.txt', 'requirements-dev.txt'):
+        required = pins(file)
+        assert required and required.items() <= locked.items(), file
+    for file in ('lock.txt', 'requirements-uv.txt', 'requirements-cmake.txt'):
+        _, *entries = re.split(r'^(?=[A-Za-z0-9])', (ROOT / 'tools' / file).read_text(encoding='utf-8'), flags=re.M)
+        assert [entry for entry in entries if '--hash=sha256:' not in entry] == []
+
+
+@pytest.mark.parametrize('is_right', [True, False], ids=['as locked', 'another file'])
+def test_without_uv_pip_installs_alone_and_nothing_but_what_the_hashes_say(
+    is_right: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Where no index has uv: on a machine without network, with a directory of wheels."""
     with zipfile.ZipFile(tmp_path / 'small-1.0-py3-none-any.whl', 'w') as wheel:
         wheel.writestr('small.py', '')
         wheel.writestr('small-1.0.dist-info/METADATA', 'Metadata-Version: 2.1\nName: small\nVersion: 1.0\n')
         wheel.writestr('small-1.0.dist-info/WHEEL', 'Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n')
         wheel.writestr('small-1.0.dist-info/RECORD', '')
-    for name, text in (('requirements', 'small'), ('constraints', 'small==1.0'), ('uv', 'uv==0.0.1')):
+    wheel_hash = hashlib.sha256((tmp_path / 'small-1.0-py3-none-any.whl').read_bytes()).hexdigest()
+    locked = wheel_hash if is_right else '0' * 64
+    for name, text in (('lock', f'small==1.0 --hash=sha256:{locked}'), ('uv', f'uv==0.0.1 --hash=sha256:{locked}')):
         (tmp_path / name).write_text(text, encoding='utf-8')
     environment = {**BARE, 'PIP_NO_INDEX': '1', 'PIP_FIND_LINKS': str(tmp_path)}
     subprocess.run([sys.executable, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True, timeout=TIMEOUT_S)
@@ -105,7 +129,13 @@ def test_without_uv_pip_installs_alone(tmp_path: Path, capsys: pytest.CaptureFix
         options['environment'] = {**environment, **options.pop('variables', {})}  # type: ignore[dict-item]
         run_logged(command, tmp_path / log, what=what, shown=shown, directory=tmp_path, **options)  # type: ignore[arg-type]
 
-    Installer(python, environment, run).install([tmp_path / 'requirements'], tmp_path / 'constraints', tmp_path / 'uv')
+    installer = Installer(python, environment, run)
+    if not is_right:
+        with pytest.raises(CommandError):
+            installer.install([tmp_path / 'lock'], tmp_path / 'uv')
+        assert 'DO NOT MATCH THE HASHES' in (tmp_path / 'setup-install.log').read_text(encoding='utf-8')
+        return
+    installer.install([tmp_path / 'lock'], tmp_path / 'uv')
     subprocess.run([python, '-c', 'import small'], check=True, timeout=TIMEOUT_S)
     assert (
         f'continuing without uv, with pip alone, which takes longer (see {tmp_path}/setup-uv.log)'
