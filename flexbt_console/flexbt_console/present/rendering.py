@@ -302,8 +302,6 @@ def not_paused_lines(state: ActiveState) -> list[str]:
     return [Line(f'goes on: {one_line(text)}', Tone.WARNING) for text in state.not_paused]
 
 
-def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
-    """The behaviors and their parameters."""
 def limits_text(parameter: BehaviorParameter) -> str:
     """Return the limits of a parameter with its unit, as in ``from 0 to 1 m/s``; '' where it has neither."""
     lower, upper, unit = (one_line(text) for text in (parameter.minimum, parameter.maximum, parameter.unit))
@@ -320,6 +318,8 @@ def parameter_text(parameter: BehaviorParameter) -> str:
     return f'{head} ({told})  {one_line(parameter.description)}'.rstrip()
 
 
+def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
+    """The behaviors and their parameters."""
     shown = []
     for behavior in known:
         error = f'  CANNOT BE USED: {one_line(behavior.error)}' if behavior.error else ''
