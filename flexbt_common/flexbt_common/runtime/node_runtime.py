@@ -582,9 +582,8 @@ def run_node(
             runtime.post(partial(_tell_unknown_parameters, runtime))
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
-            print(
-                *lines(f'{name}: cannot start: {error or type(error).__name__}'), sep='\n', file=sys.stderr, flush=True
-            )
+            reason = refusal(error) if isinstance(error, ParameterException) else error or type(error).__name__
+            print(*lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
             _close_in_time(name, runtime)

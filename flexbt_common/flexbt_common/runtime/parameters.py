@@ -16,19 +16,16 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterUninitializedException,
-)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from flexbt_common.errors import UnfitParameterError
+from flexbt_common.errors import ResourceError, UnfitParameterError
 from flexbt_core.values import hint, shown
 
 from .rclpy_private import given_parameters
+from .resources import with_package_shares
 
 READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set while it is unconfigured'
 """Said by the descriptors of the parameters of managed nodes."""
@@ -114,15 +111,47 @@ class ParameterDeclarer:
 
     def _declare(self, name: str, default: Any, description: str, read_only: bool = True, **bounds: Any) -> Any:
         descriptor = ParameterDescriptor(description=description, read_only=read_only, **bounds)
+        meaning = f'{description}; the default is {default!r}'
         try:
             if not self._node.has_parameter(name):
                 _declare(self._node, name, default, descriptor, self._is_fixed)
-            return self._node.get_parameter(name).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            reason = str(error).removesuffix(f': {name}')  # the text ends with the name once more
-            raise UnfitParameterError(name, f'{reason}; {description}; the default is {default!r}') from None
-        except ParameterUninitializedException:
-            raise UnfitParameterError(name, f'its value was refused, set another one; {description}') from None
+            raise UnfitParameterError(name, f'{refusal(error)}; {meaning}') from None
+        except ResourceError as error:
+            raise UnfitParameterError(name, f'{error}; {meaning}') from None
+        value = self._node.get_parameter_or(name).value
+        if value is not None:
+            return value
+        given = given_parameters(self._node).get(name)
+        if given is not None and given.value is not None:
+            raise UnfitParameterError(name, f'{shown(given.value)}, as it was started with, is refused; {meaning}')
+        if given is None or not isinstance(default, list):
+            raise UnfitParameterError(name, f'it has no value, or [], which has no type in ROS 2; {meaning}')
+        return []
+
+
+def refusal(error: ParameterException) -> str:
+    """Return why rclpy refuses the value of a parameter, and what to write where that is plain."""
+    told = str(error).rpartition(': ')[0]  # it ends with the name once more
+    return f'{told}; write it without quotes' if "of type 'STRING'" in told and 'STRING_ARRAY' not in told else told
+
+
+def _fitted(given: Any, default: Any) -> Any:
+    """Give the value of a parameter the type of its default, where nothing is lost by that; otherwise it is as given.
+
+    A whole number stands for a real one. Where a launch file would replace ``$(find-pkg-share PACKAGE)``, so does this.
+
+    Raises:
+        ResourceError: there is no such package.
+    """
+    if isinstance(default, float) and type(given) is int and int(float(given)) == given:
+        return float(given)
+    if isinstance(default, str) and isinstance(given, str):
+        return with_package_shares(given)
+    if isinstance(default, list) and default and isinstance(given, list):
+        fitted = [_fitted(one, default[0]) for one in given]
+        return fitted if all(type(one) is type(default[0]) for one in fitted) else given
+    return given
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor, is_fixed: bool) -> None:
@@ -130,8 +159,11 @@ def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescripto
     if is_managed:
         descriptor.read_only = False
         descriptor.additional_constraints = READ_WHEN_CONFIGURED
+    given = given_parameters(node).get(name)
+    fitted = None if given is None else _fitted(given.value, default)
+    is_fitted = given is not None and fitted is not given.value
     try:
-        node.declare_parameter(name, default, descriptor)
+        node.declare_parameter(name, fitted if is_fitted else default, descriptor, ignore_override=is_fitted)
     except (InvalidParameterTypeException, InvalidParameterValueException):
         if is_managed:  # it has no value now, but can get one
             type = Parameter(name, value=default).type_

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -31,6 +31,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl import rcutils_logger
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
@@ -153,7 +154,9 @@ ACTION_SERVER: Final = Use(
     'that comes before its client has been discovered is not begun',
 )
 PARAMETERS: Final = Use(
-    (Part(Node, '_parameter_overrides'),), 'a parameter that was given and that a node does not have is not told'
+    (Part(Node, '_parameter_overrides'),),
+    'a parameter that was given and that a node does not have is not told; a whole number is refused where a parameter '
+    'is a real one, [] where it is a list, and $(find-pkg-share PACKAGE) is not replaced',
 )
 _USES: Final = (EXECUTOR, ACTION_CLIENT, ACTION_SERVER, PARAMETERS)
 
@@ -414,9 +417,9 @@ class OpenActionServer(ActionServer):
 # ------------------------------------------------------------------------------------------------------- parameters
 
 
-def given_parameters(node: Node) -> tuple[str, ...]:
-    """Names of the parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
-    return tuple(node._parameter_overrides) if is_usable(PARAMETERS) else ()
+def given_parameters(node: Node) -> Mapping[str, Parameter]:
+    """The parameters that arguments and files give to a node, declared or not; none without PARAMETERS."""
+    return node._parameter_overrides if is_usable(PARAMETERS) else {}
 
 
 # -------------------------------------------------------------------------------------------------------- lifecycle

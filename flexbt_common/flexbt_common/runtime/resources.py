@@ -12,6 +12,7 @@ itself: colcon's ``--symlink-install`` links single files to their sources.)
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -30,6 +31,8 @@ MAX_NAME: Final = 4096
 
 MAX_PARTS: Final = 100
 """Directories of a name at most: each is looked at."""
+
+_FIND_SHARE: Final = re.compile(r'\$\(find-pkg-share\s+([^\s()]+)\s*\)')
 
 _EXPECTED: Final = 'not a file name; expected package/relative/path or an absolute path'
 
@@ -60,10 +63,25 @@ def _found(name: str, allowed: Sequence[Path], parameter: str) -> Path:
         return _existing(name, _inside_allowed(name, allowed, parameter))
     package, _, rest = name.partition('/')
     relative = PurePosixPath(rest)
-    if not rest or relative.is_absolute():
+    if not rest or relative.is_absolute() or package in ('.', '..'):
         raise ResourceError(name, _EXPECTED)
     if '..' in relative.parts:
         raise ResourceError(name, "a path inside a package must not contain '..'")
+    share = _known_share(name, package)
+    _refuse_links(name, share, relative)
+    return _existing(name, share / relative)
+
+
+def with_package_shares(text: str) -> str:
+    """Replace each ``$(find-pkg-share PACKAGE)`` by the share directory of the package, as a launch file does.
+
+    Raises:
+        ResourceError: there is no such package.
+    """
+    return _FIND_SHARE.sub(lambda found: str(_known_share(text, found[1])), text)
+
+
+def _known_share(name: str, package: str) -> Path:
     share = _share_of(package)
     if share is None:
         raise ResourceError(
@@ -71,8 +89,7 @@ def _found(name: str, allowed: Sequence[Path], parameter: str) -> Path:
             f'no installed package {package!r}; install it, or source the workspace that has it'
             + hint(package, get_packages_with_prefixes(), ''),
         )
-    _refuse_links(name, share, relative)
-    return _existing(name, share / relative)
+    return share
 
 
 def _in_package(name: str) -> str:

@@ -7,11 +7,13 @@ import queue
 import signal
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from ament_index_python.packages import get_package_share_directory
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import (
@@ -26,8 +28,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 
 from flexbt_common.calls import ServiceLinks, service_outcome
+from flexbt_common.errors import UnfitParameterError
+from flexbt_common.lifecycle.lifecycle_node import OpenLifecycleNode
 from flexbt_common.runtime import NodeRuntime, rclpy_private, run_node
-from flexbt_common.runtime.parameters import unknown_parameters
+from flexbt_common.runtime.node_runtime import DeepNode
+from flexbt_common.runtime.parameters import ParameterDeclarer, unknown_parameters
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
@@ -341,6 +346,72 @@ def test_a_parameter_is_unknown_when_no_node_of_the_process_has_it() -> None:
         another.node.declare_parameter('theirs', 0)
         (line,) = unknown_parameters([one.node, another.node])
         assert line == "there is no parameter 'thiers', so it is ignored; did you mean 'theirs'?"
+
+
+SHARE = get_package_share_directory('flexbt_common')
+
+GIVEN: list[tuple[str, Callable[[ParameterDeclarer], Any], Any]] = [
+    ('[]', lambda declare: declare.texts('given', (), ''), ()),
+    ('[]', lambda declare: declare.texts('given', ('a', 'b'), ''), ()),
+    ('[]', lambda declare: declare.reals('given', [1.0], ''), []),
+    ("['', 'b']", lambda declare: declare.texts('given', (), ''), ('b',)),
+    ('20', lambda declare: declare.real('given', 1.0, 0.0, 100.0, ''), 20.0),
+    ('[1, 2]', lambda declare: declare.reals('given', [1.0], ''), [1.0, 2.0]),
+    ('$(find-pkg-share flexbt_common)/x', lambda declare: declare.text('given', '', ''), f'{SHARE}/x'),
+    ("['$(find-pkg-share flexbt_common)']", lambda declare: declare.texts('given', (), ''), (SHARE,)),
+    ('$(echo a)', lambda declare: declare.text('given', '', ''), '$(echo a)'),
+]
+
+
+@pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
+@pytest.mark.parametrize(('text', 'declared', 'expected'), GIVEN)
+@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+def test_a_value_of_a_parameter_file_is_what_it_means(
+    tmp_path: Path, text: str, declared: Callable[[ParameterDeclarer], Any], expected: Any, node_class: type[DeepNode]
+) -> None:
+    (tmp_path / 'file.yaml').write_text(f'/**/one:\n  ros__parameters:\n    given: {text}\n')
+    args = ['--ros-args', '--params-file', str(tmp_path / 'file.yaml')]
+    with NodeRuntime.open('one', args=args, node_class=node_class) as runtime:
+        for _ in range(2):  # a managed node asks once more when it is configured anew
+            assert runtime.call(lambda: declared(ParameterDeclarer(runtime.node))) == expected
+
+
+REFUSED: list[tuple[str, Callable[[ParameterDeclarer], Any], str]] = [
+    ('[]', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), r'no value, or \[\].*; m; the default is 1.0'),
+    ('"1.5"', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), "expecting type 'DOUBLE'; write it without"),
+    ('"True"', lambda declare: declare.flag('given', False, 'm'), "expecting type 'BOOL'; write it without quotes; m"),
+    ('3', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), 'out of range.*; m; the default is 1.0'),
+    ('true', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), "of type 'BOOL', expecting type 'DOUBLE'; m"),
+    (f'{2**53 + 1}', lambda declare: declare.real('given', 1.0, 0.0, 1e18, 'm'), "of type 'INTEGER', expecting"),
+    ('[1, 2]', lambda declare: declare.texts('given', (), 'm'), "of type 'INTEGER_ARRAY', expecting"),
+    ('["a"]', lambda declare: declare.reals('given', [1.0], 'm'), "of type 'STRING_ARRAY', expecting type '[^;]*; m"),
+    ('$(find-pkg-share flexbt_comon)', lambda declare: declare.text('given', '', 'm'), "did you mean 'flexbt_common'"),
+]
+
+
+@pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
+@pytest.mark.parametrize(('text', 'declared', 'reason'), REFUSED)
+@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+def test_a_value_of_a_parameter_file_is_refused_with_the_reason(
+    tmp_path: Path, text: str, declared: Callable[[ParameterDeclarer], Any], reason: str, node_class: type[DeepNode]
+) -> None:
+    (tmp_path / 'file.yaml').write_text(f'one:\n  ros__parameters:\n    given: {text}\n')
+    args = ['--ros-args', '--params-file', str(tmp_path / 'file.yaml')]
+    with NodeRuntime.open('one', args=args, node_class=node_class) as runtime:
+        with pytest.raises(UnfitParameterError, match=reason):
+            runtime.call(lambda: declared(ParameterDeclarer(runtime.node)))
+        with pytest.raises(UnfitParameterError, match='m; the default is'):  # of a managed node that tries again
+            runtime.call(lambda: declared(ParameterDeclarer(runtime.node)))
+
+
+def test_a_text_for_use_sim_time_is_refused_with_what_to_write() -> None:
+    with start('--ros-args', '-p', 'use_sim_time:="True"') as process:
+        _, err = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 1
+        assert err == (
+            "program: cannot start: Trying to set parameter 'use_sim_time' to 'True' of type 'STRING', "
+            "expecting type 'BOOL'; write it without quotes\n"
+        )
 
 
 def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:

@@ -102,17 +102,23 @@ class Stack:
             print(f'--- {name}, {end}\n{self.output(name)[-LAST_CHARACTERS:]}')
 
     def start(
-        self, name: str, parameters: Mapping[str, str] | None = None, environment: Mapping[str, str] | None = None
+        self,
+        name: str,
+        parameters: Mapping[str, str] | None = None,
+        environment: Mapping[str, str] | None = None,
+        parameter_file: Path | None = None,
     ) -> None:
         """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
 
-        Everything but the simulator and the stop guard follows simulated time, unless the parameters say otherwise.
+        Everything but the simulator and the stop guard follows simulated time, unless the parameters say otherwise;
+        what ``parameter_file`` says counts where they say nothing.
         """
         namespace, _, base = name.rpartition('/')
         settings = {} if base in ('simulator', 'simulation', 'stop_guard') else {'use_sim_time': 'true'}
         if base == 'onboard_executive':
             settings['event_log_directory'] = str(self.directory)
         words = [executable(base), '--ros-args', '-r', f'__ns:=/{namespace}']
+        words += [] if parameter_file is None else ['--params-file', str(parameter_file)]
         for key, value in {**settings, **(parameters or {})}.items():
             words += ['-p', f'{key}:={value}']
         fifo = self._fifo(name) if self._can_be_held_up else None
