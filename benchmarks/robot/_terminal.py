@@ -51,6 +51,11 @@ class Terminal:
         """Press keys."""
         os.write(self._file, keys)
 
+    def forget(self) -> None:
+        """Keep nothing of what was written, nor of what is."""
+        self._keeps = False
+        self._pieces.clear()
+
     @property
     def written(self) -> bytes:
         """All that was written so far."""

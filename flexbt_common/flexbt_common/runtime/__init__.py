@@ -30,7 +30,7 @@ from .received_messages import (
 )
 from .resources import resolve_file
 from .ros_clock import RosClock
-from .sender_rates import SenderRates
+from .sender_rates import Pace, SenderRates
 from .simulated_time import ListeningTime
 
 __all__ = [
@@ -54,6 +54,7 @@ __all__ = [
     'NodeRuntime',
     'OpenActionClient',
     'OpenActionServer',
+    'Pace',
     'ParameterDeclarer',
     'Received',
     'ReceivedMessages',

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Final
 
-__all__ = ['SenderRates']
+from .node_runtime import NodeRuntime
+
+__all__ = ['Pace', 'SenderRates']
 
 _SENDERS: Final = 256
 
@@ -34,3 +38,37 @@ class SenderRates:
         if len(self._credits) > _SENDERS:
             self._credits.popitem(last=False)
         return is_allowed
+
+
+class Pace:
+    """Keeps what is done in :meth:`work` to a quarter of the executor's time. On the executor thread.
+
+    What is behind that is for subscriptions: :meth:`is_over` says whether they may go on, see ``is_awaited`` of
+    :class:`.received_messages.ReceivedMessages`. Meanwhile the middleware keeps the newest of what comes.
+    """
+
+    RESTS: Final = 3.0
+    """Seconds of rest for each second of work."""
+
+    BURST_SECONDS: Final = 0.1
+    """Rest that may be owed before it is taken: what comes now and then is not delayed."""
+
+    def __init__(self, runtime: NodeRuntime) -> None:
+        self._runtime = runtime
+        self._rested_at = -math.inf
+
+    def is_over(self) -> bool:
+        """Whether enough rest was taken."""
+        return self._runtime.steady.now() >= self._rested_at - self.BURST_SECONDS
+
+    @contextlib.contextmanager
+    def work(self) -> Iterator[None]:
+        """Do something in the block."""
+        began = self._runtime.steady.now()
+        try:
+            yield
+        finally:
+            now = self._runtime.steady.now()
+            self._rested_at = max(self._rested_at, now) + self.RESTS * (now - began)
+            if not self.is_over():  # the executor is woken when they may go on
+                self._runtime.call_near(self._rested_at - self.BURST_SECONDS, self.BURST_SECONDS / 10.0, lambda: None)

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,6 +17,7 @@ from std_msgs.msg import String
 from flexbt_common.runtime import (
     UNKNOWN_WRITER,
     NodeRuntime,
+    Pace,
     Received,
     ReceivedMessages,
     ignore_each_other,
@@ -217,3 +220,30 @@ def test_nodes_that_ignore_each_other_are_there_for_everybody_else() -> None:
         wait_until(lambda: received['third'] == ['a'], 'the message')
         assert publisher.get_subscription_count() == 1 and not received['first']
         assert third.node.count_publishers(TOPIC) == 1 and first.node.count_publishers(TOPIC) == 0
+
+
+def test_what_takes_long_leaves_most_of_the_executors_time_to_others_and_loses_nothing() -> None:
+    taken: list[float] = []
+    with NodeRuntime.open('receiver') as runtime, NodeRuntime.open('sender') as sender:
+        pace = Pace(runtime)
+
+        def take(received: Received) -> None:
+            with pace.work():
+                until = time.monotonic() + 0.1
+                while time.monotonic() < until:  # as a message with much in it does
+                    pass
+            taken.append(time.monotonic())
+
+        def join() -> None:
+            ReceivedMessages(runtime.node, String, TOPIC, QOS, take, LIMIT, is_awaited=pace.is_over)
+
+        runtime.call(join)
+        publisher = sender.call(lambda: sender.node.create_publisher(String, TOPIC, QOS))
+        wait_until(publisher.get_subscription_count, 'the receiver')
+        count = 4
+        for _ in range(count):
+            publisher.publish(String())
+        wait_until(lambda: len(taken) == count, lambda: f'{len(taken)} of {count} messages')
+        between = [after - before for before, after in itertools.pairwise(taken)]
+        assert all(one >= 0.1 + Pace.RESTS * 0.1 - Pace.BURST_SECONDS - 0.01 for one in between), between
+

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_common.runtime import NodeRuntime, Pace, Received, ReceivedMessages
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
@@ -32,6 +32,9 @@ MOST_RESOLUTION: Final = 100.0
 MOST_POINTS: Final = 500
 """Points of a plan that are kept; of a longer one, every so many."""
 
+MOST_TREE_NODES: Final = 5_000
+"""Nodes of a tree that are kept; of more the operator is told how many are left out."""
+
 MESSAGE_BYTES: Final = 32_000_000
 STATUS_DEPTH: Final = 16
 TELL_SECONDS: Final = 10.0
@@ -40,7 +43,8 @@ TELL_SECONDS: Final = 10.0
 class SurroundingsLink:
     """Feeds a mirror with trees, map, plan and scan of the robot in ``namespace``, by default the node's own.
 
-    With a ``scan_period`` of 0 s there is no scan, and neither scans nor transforms come over the link.
+    With a ``scan_period`` of 0 s there is no scan, and neither scans nor transforms come over the link. Trees, map and
+    plan take a quarter of the executor's time at most, whatever is sent: the picture of the executive comes first.
     """
 
     def __init__(self, runtime: NodeRuntime, mirror: Mirror, namespace: str = '', scan_period: float = 0.0) -> None:
@@ -49,6 +53,7 @@ class SurroundingsLink:
         self._mirror = mirror
         self._namespace = namespace
         self._scan_period = scan_period
+        self._pace = Pace(runtime)
         self._subscriptions: list[Any] = []
         self._scan: ScanLink | None = None
         try:
@@ -79,7 +84,7 @@ class SurroundingsLink:
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])
-            messages = ReceivedMessages(self._node, type, name, qos, read, MESSAGE_BYTES)
+            messages = ReceivedMessages(self._node, type, name, qos, read, MESSAGE_BYTES, is_awaited=self._pace.is_over)
             self._subscriptions.append(messages.subscription)
         if self._scan_period > 0.0:
             self._scan = ScanLink(
@@ -89,7 +94,8 @@ class SurroundingsLink:
     def _reader(self, type: Any, topic: str, receive: Any) -> Any:
         def read(received: Received) -> None:
             try:
-                receive(received.unpack(type))
+                with self._pace.work():
+                    receive(received.unpack(type))
             except (ValueError, LimitExceededError) as error:
                 text = f'{topic}: left aside: {one_line(str(error), TOLD_CHARACTERS)}'
                 self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
@@ -115,6 +121,8 @@ class SurroundingsFeed:
         }
 
     def _on_structure(self, message: Any) -> None:
+        left_out = max(0, len(message.nodes) - MOST_TREE_NODES)
+        del message.nodes[MOST_TREE_NODES:]
         check_limits(message)
         nodes = [
             TreeNode(
@@ -130,7 +138,7 @@ class SurroundingsFeed:
                 'come before it'
             )
         self._mirror.receive_tree_structure(
-            message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number
+            message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number, left_out
         )
 
     def _on_status(self, message: Any) -> None:
@@ -138,7 +146,7 @@ class SurroundingsFeed:
         self._mirror.receive_tree_status(
             message.run_id,
             message.sequence,
-            [known_constant(NodeStatus, status) for status in message.statuses],
+            [known_constant(NodeStatus, status) for status in message.statuses[:MOST_TREE_NODES]],
             [_change(one) for one in message.changes],
             seconds_of(message.stamp),
             finished=message.finished,

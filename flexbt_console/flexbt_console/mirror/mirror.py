@@ -213,11 +213,11 @@ class Mirror:
         return bool(new)
 
     def receive_tree_structure(
-        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1
+        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1, left_out: int = 0
     ) -> None:
-        """Take the nodes of a run of a tree."""
+        """Take the nodes of a run of a tree; ``left_out`` more are not among them."""
         with self._lock:
-            self._trees.receive_structure(run_id, tree, nodes, stamp, structure)
+            self._trees.receive_structure(run_id, tree, nodes, stamp, structure, left_out)
         self._tell(Change.TREE)
 
     def receive_tree_status(

@@ -62,7 +62,7 @@ class TreeRun:
     ``since`` is in seconds on the clock of the node that runs the tree, ``stamp`` the latest time on it that is known.
     ``last`` is how each node ended before: a halted node is IDLE, and what it had come to says why.
     ``structure`` is TreeStructure.number: a run may get other nodes, and has none while those are not known of which
-    its statuses tell.
+    its statuses tell. ``left_out`` nodes behind these are not known: there are too many.
     """
 
     run_id: str
@@ -76,6 +76,7 @@ class TreeRun:
     finished: bool = False
     paused: bool = False
     structure: int = 0
+    left_out: int = 0
 
     @property
     def is_running(self) -> bool:
@@ -122,14 +123,14 @@ class Trees:
         self._runs: OrderedDict[str, TreeRun] = OrderedDict()
 
     def receive_structure(
-        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1
+        self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1, left_out: int = 0
     ) -> None:
-        """Take the nodes of a run, unless it has others by now."""
+        """Take the nodes of a run, unless it has others by now; ``left_out`` more are not among them."""
         known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
         if structure < known.structure:
             return
         known = _of(known, structure, nodes)
-        self._keep(_fitted(replace(known, tree=tree, nodes=tuple(nodes)), stamp))
+        self._keep(_fitted(replace(known, tree=tree, nodes=tuple(nodes), left_out=left_out), stamp))
 
     def receive_status(
         self,

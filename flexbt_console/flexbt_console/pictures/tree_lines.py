@@ -104,7 +104,8 @@ def window(lines: list[str], marked: int, rows: int) -> list[str]:
 
 def _title(run: TreeRun) -> str:
     state = 'paused' if run.paused else 'finished' if run.finished else 'running'
-    return Line(f'tree {one_line(run.tree)}  {state}', Tone.WARNING if run.paused else Tone.PLAIN)
+    left_out = f'  {run.left_out} more nodes left out' if run.left_out else ''
+    return Line(f'tree {one_line(run.tree)}  {state}{left_out}', Tone.WARNING if run.paused else Tone.PLAIN)
 
 
 def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[TreeNode, int]]:

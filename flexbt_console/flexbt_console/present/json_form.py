@@ -62,6 +62,7 @@ def tree_json(run: TreeRun, failures: Sequence[Sequence[TreeNode]]) -> dict[str,
     return {
         'run_id': run.run_id,
         'tree': run.tree,
+        'nodes_left_out': run.left_out,
         'running': run.is_running,
         'paused': run.paused,
         'nodes': [

@@ -28,6 +28,7 @@ from flexbt_console.link import (
     executive_sender,
     fleet_link,
     interface_problem,
+    surroundings_link,
 )
 from flexbt_console.link.synthesis_query import SynthesisQuery
 from flexbt_console.mirror import (
@@ -41,6 +42,8 @@ from flexbt_console.mirror import (
     SynthesisRequest,
     View,
 )
+from flexbt_console.pictures import ASCII, tree_lines
+from flexbt_core.clock import ManualClock
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import (
     BehaviorList,
@@ -50,6 +53,9 @@ from flexbt_msgs.msg import (
     ExecutiveStatus,
     Place,
     PlaceList,
+    TreeNode,
+    TreeStatus,
+    TreeStructure,
 )
 from flexbt_testing.lock_order import unwatched_locks
 from flexbt_testing.nodes.oversized import oversized
@@ -98,6 +104,19 @@ def test_of_a_robot_that_nobody_has_opened_only_the_status_is_heard(executives: 
         assert not runtime.node.get_subscriptions_info_by_topic('/robot/executive/behaviors')
         robots.open('/robot')
         wait_until(lambda: mirror.view().behaviors is not None, 'the behaviors')
+
+
+def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_left_out() -> None:
+    mirror, more = Mirror(ManualClock()), 7
+    size = surroundings_link.MOST_TREE_NODES + more
+    nodes = [TreeNode(uid=uid, parent=uid // 2, name='n', registration='Sequence') for uid in range(1, size + 1)]
+    receivers = surroundings_link.SurroundingsFeed(mirror).receivers
+    receivers[names.TREE_STRUCTURE](TreeStructure(run_id='t', number=1, behavior_tree='Large', nodes=nodes))
+    status = TreeStatus(run_id='t', sequence=1, structure=1, statuses=[TreeStatus.RUNNING] * size)
+    receivers[names.TREE_STATUS](status)
+    (run,) = mirror.view().trees
+    assert (len(run.nodes), len(run.statuses), run.left_out) == (size - more, size - more, more)
+    assert f'{more} more nodes left out' in tree_lines(run, 80, 10, ASCII)[0]
 
 
 def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executives: Any) -> None:

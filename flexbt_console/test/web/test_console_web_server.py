@@ -16,8 +16,19 @@ from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSClos
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.errors import NoAnswerError, UsageError
-from flexbt_console.mirror import CommandKind, ExecutiveState, GridMap, Pose, Synthesis, SynthesisRequest
-from flexbt_console.ui.web import MOST_PAGES, Access
+from flexbt_console.mirror import (
+    CommandKind,
+    ExecutiveState,
+    GridMap,
+    LogLine,
+    NodeStatus,
+    Pose,
+    Severity,
+    Synthesis,
+    SynthesisRequest,
+    TreeNode,
+)
+from flexbt_console.ui.web import MOST_PAGES, Access, picture
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
@@ -85,6 +96,55 @@ def with_page(robot: WebRobot, steps: Callable[[Page], Awaitable[None]]) -> None
         asyncio.run(run(port))
 
 
+def test_a_stop_waits_for_no_encoding_and_pages_share_what_is_encoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, pages = WebRobot(), 5
+    begun, free, made = threading.Semaphore(0), threading.Event(), picture.parts_of
+
+    def slow(*arguments: Any) -> Any:
+        begun.release()
+        assert free.wait(DEADLINE)
+        return made(*arguments)
+
+    async def run(port: int) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            opened = [await stack.enter_async_context(page(port)) for _ in range(pages)]
+            try:
+                assert await asyncio.to_thread(begun.acquire, timeout=DEADLINE)
+                await opened[0].socket.send_json({'do': 'stop', 'decision': None})
+                await asyncio.to_thread(robot.wait_sent, 1)
+                assert robot.kinds == [CommandKind.STOP]
+            finally:
+                free.set()
+            for one in opened:
+                await one.until(lambda one=one: 'link' in one.parts)  # type: ignore[misc]
+            others = 0
+            while begun.acquire(blocking=False):
+                others += 1
+            assert others < pages
+
+    monkeypatch.setattr(picture, 'parts_of', slow)
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+
+
+def test_of_what_is_too_large_a_part_is_shown_and_what_is_left_out_is_told() -> None:
+    robot = WebRobot()
+    nodes = [TreeNode(uid, uid // 2, f'{uid} {"x" * 900}', 'Sequence') for uid in range(1, 2_001)]
+    robot.mirror.receive_tree_structure('t', 'Large', nodes, 1.0, 1, 58_000)
+    robot.mirror.receive_tree_status('t', 1, [NodeStatus.RUNNING] * 2_000, [], 5.0, finished=False, paused=False)
+    robot.mirror.receive_log(LogLine('e', 2, Severity.INFO, 'y' * 100_000, '/Drive', 'r1', 4.0))
+
+    async def look(opened: Page) -> None:
+        await opened.until(lambda: 'trees' in opened.parts)
+        (tree,), state = opened.parts['trees'], opened.parts['tree_states']['t']
+        assert len(tree['nodes']) == len(state['statuses']) == picture.MOST_LISTED
+        told = f'{60_000 - picture.MOST_LISTED} of 60000 nodes of tree Large not shown'
+        assert opened.parts['left_out'] == [told]
+        assert max(len(json.dumps(one)) for one in opened.messages) < 200_000
+
+    with_page(robot, look)
+
+
 def test_everything_of_now_is_told() -> None:
     robot = WebRobot(is_drawn=True)
     robot.show(PLAN)
@@ -97,8 +157,9 @@ def test_everything_of_now_is_told() -> None:
         assert [choice['leads'] for choice in decision['choices']] == ['/Ask', '=finished']
         assert decision['reasons'] == [f'because WARN: {NASTY}'] and NASTY in decision['line']
         assert PLAN.id not in decision['line'] and decision['id'] == PLAN.id
-        assert parts['trees'][0]['statuses'] == ['running', 'success', 'running', 'idle']
-        assert parts['trees'][0]['leaves'] == ['Wait'] and parts['actions']['lock']['lines'] == ['lock /Drive']
+        state = parts['tree_states']['t']
+        assert state['statuses'] == ['running', 'success', 'running', 'idle']
+        assert state['leaves'] == ['Wait'] and parts['actions']['lock']['lines'] == ['lock /Drive']
         assert (len(parts['plan']), parts['pose']['x'], list(parts['places'])) == (2, 2.0, ['kitchen'])
         head = json.loads(opened.maps[0][4 : 4 + int.from_bytes(opened.maps[0][:4])])
         assert (head['width'], head['height']) == (80, 60)

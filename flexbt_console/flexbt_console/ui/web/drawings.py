@@ -25,12 +25,14 @@ from flexbt_common.pictures import (
 from flexbt_console.mirror import NodeKind, Structure, TreeNode, TreeRun
 
 REMEMBERED: Final = 64
+NO_DRAWING: Final = ''
+"""The key of what is too large to be drawn."""
 MOST_NODES: Final = 400
 """States, or nodes of a tree, that are drawn; of more there is the text alone."""
 
 
 class Drawing(NamedTuple):
-    """What Graphviz is to draw; ``key`` identifies it, and is empty when it is too large."""
+    """What Graphviz is to draw; ``key`` identifies it, or is NO_DRAWING."""
 
     key: str
     dot: str
@@ -72,11 +74,15 @@ class Drawings:
             return finished(picture, style='') if drawing.has_legend else picture  # the page has the style
 
 
-@functools.lru_cache(maxsize=REMEMBERED)
 def machine_drawing(structure: Structure) -> Drawing:
     """The machine of a run: the element of the state at position 3 has the identifier ``s3``, a container's ``m3``."""
-    if len(structure.states) > MOST_NODES or not structure.states:
-        return Drawing('', '')
+    if len(structure.states) > MOST_NODES or not structure.states:  # seen before its hash, which takes long, is needed
+        return Drawing(NO_DRAWING, '')
+    return _machine_drawing(structure)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _machine_drawing(structure: Structure) -> Drawing:
     states = [
         DrawnState(
             state.path,
@@ -94,13 +100,13 @@ def machine_drawing(structure: Structure) -> Drawing:
 
 def tree_drawing(run: TreeRun) -> Drawing:
     """The tree of a run: the element of its node ``uid`` has the identifier ``t0nX``, where X is ``uid`` - 1."""
+    if len(run.nodes) > MOST_NODES or not run.nodes:
+        return Drawing(NO_DRAWING, '')
     return _tree_drawing(run.tree, run.nodes)
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
-    if len(nodes) > MOST_NODES or not nodes:
-        return Drawing('', '')
     drawn = [
         DrawnNode(
             node.registration,

@@ -6,9 +6,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import struct
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
@@ -16,26 +15,22 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
-from flexbt_console.mirror import Command, Fleet, RobotOverview
+from flexbt_console.mirror import Command, RobotOverview
 from flexbt_console.present import encode_json, tone_of
 from flexbt_console.ui.interaction import Restarts, SentCommands
 from flexbt_core.clock import SteadyClock
 from flexbt_core.values import lines, one_line
 
-from .drawings import Drawings, machine_drawing, tree_drawing
-from .picture import COMMAND_PART, log_part, map_part, other_robots, parts_of, robot_lines, times_part
+from .drawings import NO_DRAWING, Drawings
+from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
 from .requests import Allowance, Later, Told, answered, read
 from .station import PageStation
-
-PERIOD: Final = 0.1
-"""Seconds between two pictures for a page, at least."""
 
 PULSE: Final = 1.0
 """Seconds after which a page hears something in any case: without that it takes the server for lost."""
 
 HELLO_SECONDS: Final = 10.0
 SEND_SECONDS: Final = 10.0
-LOG_LINES: Final = 200
 MOST_AT_ONCE: Final = 4
 """Requests of a page that wait for the robot or the simulator at the same time; more are refused."""
 
@@ -48,8 +43,7 @@ _LOGGER: Final = logging.getLogger(__name__)
 class PageLink:
     """A page at its WebSocket. ``knows_token`` judges what the page says first."""
 
-    _fleet: Fleet
-    _robot: str
+    _pictures: Pictures
     _station: PageStation
 
     def __init__(
@@ -59,10 +53,10 @@ class PageLink:
         self._drawings = drawings
         self._knows_token = knows_token
         self._changed = asyncio.Event()
-        self._shown: dict[str, str] = {}
+        self._shown: Mapping[str, str] = {}
         self._log: frozenset[tuple[str, int]] = frozenset()
         self._drawn: dict[str, None] = {}
-        self._map: object = None
+        self._map = b''
         self._run: str | None = None
         self._sent = SentCommands(SteadyClock())
         self._restarts = Restarts()
@@ -76,9 +70,9 @@ class PageLink:
         """Something has changed; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, fleet: Fleet, robot: str, station: PageStation) -> None:
+    async def serve(self, robot: str, station: PageStation, pictures: Pictures) -> None:
         """Show that robot, and lines of the others, until the page or the server ends it; after :meth:`is_welcome`."""
-        self._fleet, self._robot, self._station = fleet, robot, station
+        self._pictures, self._station = pictures, station
         await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
         show = asyncio.create_task(self._show())
         try:
@@ -125,41 +119,26 @@ class PageLink:
             await self._socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b'fault in the server, see its log')
 
     async def _tell_changes(self) -> None:
-        view = self._station.mirror.view()
-        parts = parts_of(view, self._station.make.operator)
-        if self._station.obstacles is not None:
-            parts['simulator'] = self._station.obstacles.is_possible()
-            parts['obstacles'] = self._station.obstacles.dropped
-        robots = self._fleet.overview()
-        self._station.attention.pending([view, *(one.view for one in robots)])
-        parts['robots'] = robot_lines(robots)
-        parts['others'] = other_robots(self._robot, view, robots)
+        picture = await self._pictures.newest()
+        view = picture.view
+        self._station.attention.pending([view, *(one.view for one in picture.robots)])
+        new = {name: text for name, text in picture.parts.items() if self._shown.get(name) is not text}
+        self._shown = picture.parts
         run = view.snapshot.run_id if view.snapshot else None
         if run != self._run:  # from then on the page follows the pose
             self._run = run
-            parts['driven'] = [[round(x, 2), round(y, 2)] for x, y in view.surroundings.driven]
-        new = {}
-        for name, part in parts.items():
-            text = encode_json(part)
-            if self._shown.get(name) != text:
-                self._shown[name] = text
-                new[name] = text
-        log = {(line.executive_id, line.sequence): line for line in self._station.mirror.log(LOG_LINES)}
-        if log.keys() - self._log:
-            new['log'] = encode_json([log_part(line) for key, line in log.items() if key not in self._log])
-            self._log = frozenset(log)
-        new['times'] = encode_json(times_part(view))
+            new['driven'] = encode_json([[round(x, 2), round(y, 2)] for x, y in view.surroundings.driven])
+        if picture.log.keys() - self._log:
+            new['log'] = f'[{", ".join(text for key, text in picture.log.items() if key not in self._log)}]'
+            self._log = frozenset(picture.log)
+        new['times'] = picture.times
         await self._send_text('{"parts": {' + ', '.join(f'"{name}": {text}' for name, text in new.items()) + '}}')
-        map = view.surroundings.map
-        if map is not None and map is not self._map:
-            self._map = map
-            head, cells = await asyncio.to_thread(map_part, map)
-            frame = encode_json(head).encode()
+        if picture.map and picture.map is not self._map:
+            self._map = picture.map
             async with self._sending, asyncio.timeout(SEND_SECONDS):
-                await self._socket.send_bytes(struct.pack('>I', len(frame)) + frame + cells)
-        wanted = [machine_drawing(view.structure)] if view.structure is not None else []
-        for drawing in (*wanted, *(tree_drawing(run) for run in view.running_trees)):
-            if drawing.key and drawing.key not in self._drawn:
+                await self._socket.send_bytes(picture.map)
+        for drawing in picture.drawings:
+            if drawing.key != NO_DRAWING and drawing.key not in self._drawn:
                 self._drawn[drawing.key] = None
                 if len(self._drawn) > DRAWINGS_KEPT:
                     del self._drawn[next(iter(self._drawn))]

@@ -3,11 +3,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Final
+import asyncio
+import struct
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import Any, Final, NamedTuple, TypeVar
 
 from flexbt_console.commands import COMMANDS, Typed
-from flexbt_console.mirror import OCCUPIED, Decision, GridMap, LinkState, LogLine, RobotOverview, TreeRun, View
+from flexbt_console.mirror import (
+    OCCUPIED,
+    Decision,
+    Fleet,
+    GridMap,
+    LinkState,
+    LogLine,
+    RobotOverview,
+    TreeNode,
+    TreeRun,
+    View,
+)
 from flexbt_console.present import (
     BOOLEANS,
     age_text,
@@ -16,6 +31,8 @@ from flexbt_console.present import (
     authority_asked_line,
     authority_text,
     autonomy_text,
+    encode_json,
+    left_out_text,
     link_word,
     log_lines,
     not_paused_lines,
@@ -33,7 +50,26 @@ from flexbt_console.present import (
 from flexbt_console.ui.interaction import KEYS
 from flexbt_core.values import one_line
 
-from .drawings import machine_drawing, tree_drawing
+from .drawings import Drawing, machine_drawing, tree_drawing
+from .station import PageStation
+
+T = TypeVar('T')
+
+PERIOD: Final = 0.1
+"""Seconds between two pictures, at least."""
+
+RESTS: Final = 3.0
+"""Times as long as a picture took to make, until the next one is begun: others need the processor, too."""
+
+LOG_LINES: Final = 200
+LINE_CHARACTERS: Final = 4_000
+"""Of a line of the log, at most."""
+
+MOST_LISTED: Final = 500
+"""Elements of a list, such as the nodes of a tree, that a page gets; how many are left out is said there."""
+
+NODE_CHARACTERS: Final = 100
+"""Of the name of a node of a tree, at most."""
 
 MOST_CELLS: Final = 1_000_000
 """Cells of a map that a page gets; of a larger one several cells become one."""
@@ -75,14 +111,16 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
             if key.lines is not None
         },
         'active': _active(view),
-        'decisions': [_decision(decision, view) for decision in view.decisions],
+        'decisions': [_decision(decision, view) for decision in view.decisions[:MOST_LISTED]],
         'machine': _machine(view),
         'trees': [_tree(run) for run in view.running_trees],
+        'tree_states': {run.run_id: _tree_state(run) for run in view.running_trees},
+        'left_out': left_out_lines(view),
         'pose': _pose(view),
         'where': _where(view),
         'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
         'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
-        'places': {name: [pose.x, pose.y] for name, pose in view.places.items()},
+        'places': {name: [pose.x, pose.y] for name, pose in [*view.places.items()][:MOST_LISTED]},
         'behaviors': _behaviors(view),
     }
 
@@ -102,9 +140,9 @@ def _status(view: View, operator: str | None) -> dict[str, Any] | None:
         'autonomy_text': autonomy_text(snapshot.autonomy),
         'authority': authority_text(snapshot) if snapshot.authority or snapshot.authority_requests else '',
         'asked': authority_asked_line(snapshot, operator),
-        'missed': [peer_line(peer) for peer in snapshot.missed_peers],
-        'locked': snapshot.locked,
-        'breakpoints': snapshot.breakpoints,
+        'missed': [peer_line(peer) for peer in snapshot.missed_peers[:MOST_LISTED]],
+        'locked': snapshot.locked[:MOST_LISTED],
+        'breakpoints': snapshot.breakpoints[:MOST_LISTED],
     }
 
 
@@ -113,7 +151,7 @@ def _active(view: View) -> dict[str, Any]:
     if snapshot is None:
         return {'paths': [], 'states': []}
     return {
-        'paths': view.active_levels,
+        'paths': view.active_levels[:MOST_LISTED],
         'states': [
             {
                 'path': state.path,
@@ -123,7 +161,7 @@ def _active(view: View) -> dict[str, Any]:
                 'since': state.entered,
                 'outcomes': view.outcomes(state.path),
             }
-            for state in snapshot.active_states
+            for state in snapshot.active_states[:MOST_LISTED]
         ],
     }
 
@@ -156,26 +194,55 @@ def _decision(decision: Decision, view: View) -> dict[str, Any]:
 def _machine(view: View) -> dict[str, Any] | None:
     if view.structure is None:
         return None
+    states = view.structure.states[:MOST_LISTED]
     return {
         'drawing': machine_drawing(view.structure).key,
-        'paths': [state.path for state in view.structure.states],
-        'lines': [f'{one_line(state.path)} ({one_line(state.type)})' for state in view.structure.states],
-        'outcomes': [state.outcomes for state in view.structure.states],
+        'paths': [state.path for state in states],
+        'lines': [f'{one_line(state.path)} ({one_line(state.type)})' for state in states],
+        'outcomes': [state.outcomes for state in states],
     }
 
 
 def _tree(run: TreeRun) -> dict[str, Any]:
-    leaves = [run.nodes[uid - 1] for uid in run.running_leaves]
     return {
         'id': run.run_id,
         'tree': one_line(run.tree),
         'drawing': tree_drawing(run).key,
-        'paused': run.paused,
-        'statuses': [run.status(node.uid).name.lower() for node in run.nodes],
-        'last': [run.last_end(node.uid).name.lower() for node in run.nodes],
-        'leaves': [one_line(node.name or node.registration) for node in leaves],
-        'nodes': [one_line(node.name or node.registration) for node in run.nodes],
+        'nodes': _node_names(run.nodes),
     }
+
+
+def _tree_state(run: TreeRun) -> dict[str, Any]:
+    nodes = run.nodes[:MOST_LISTED]
+    return {
+        'paused': run.paused,
+        'statuses': [run.status(node.uid).name.lower() for node in nodes],
+        'last': [run.last_end(node.uid).name.lower() for node in nodes],
+        'leaves': _node_names([run.nodes[uid - 1] for uid in run.running_leaves]),
+    }
+
+
+def _node_names(nodes: Sequence[TreeNode]) -> list[str]:
+    return [one_line(node.name or node.registration, NODE_CHARACTERS) for node in nodes[:MOST_LISTED]]
+
+
+def left_out_lines(view: View) -> list[str]:
+    """Tell what is not in the parts since there is too much of it."""
+    snapshot, structure = view.snapshot, view.structure
+    counts = {
+        **{
+            f'nodes of tree {one_line(run.tree, NODE_CHARACTERS)}': len(run.nodes) + run.left_out
+            for run in view.running_trees
+        },
+        'states': len(structure.states) if structure else 0,
+        'active states': len(snapshot.active_states) if snapshot else 0,
+        'decisions': len(view.decisions),
+        'behaviors': len(view.behaviors or ()),
+        'places': len(view.places),
+    }
+    return [
+        f'{count - MOST_LISTED} of {count} {what} not shown' for what, count in counts.items() if count > MOST_LISTED
+    ]
 
 
 def _pose(view: View) -> dict[str, Any] | None:
@@ -218,7 +285,7 @@ def _behaviors(view: View) -> list[dict[str, Any]]:
                 for known in behavior.inputs
             ],
         }
-        for behavior in view.behaviors or ()
+        for behavior in (view.behaviors or ())[:MOST_LISTED]
     ]
 
 
@@ -273,7 +340,105 @@ def _asked(view: View) -> str:
 def log_part(line: LogLine) -> dict[str, Any]:
     """A line of the log."""
     text = log_lines(line, with_time=True)
-    return {'text': '\n'.join(text), 'tone': tone_of(text[0]).name.lower(), 'stamp': line.stamp}
+    joined = '\n'.join(text)
+    if len(joined) > LINE_CHARACTERS:
+        joined = f'{joined[:LINE_CHARACTERS]}… ({len(joined) - LINE_CHARACTERS} more characters)'
+    return {'text': joined, 'tone': tone_of(text[0]).name.lower(), 'stamp': line.stamp}
+
+
+class Picture(NamedTuple):
+    """A robot as its pages show it, encoded; of what has not changed the texts are the same objects as before.
+
+    ``log`` has its lines by executive and number, in their order; ``map`` is a message of its own.
+    """
+
+    view: View
+    robots: Sequence[RobotOverview]
+    parts: Mapping[str, str]
+    times: str
+    log: Mapping[tuple[str, int], str]
+    map: bytes
+    drawings: Sequence[Drawing]
+
+
+class Pictures:
+    """The pictures of one robot for all its pages: each is made once, on another thread than that of the loop.
+
+    A request of a page, above all a STOP, so never waits until something is encoded.
+    """
+
+    def __init__(self, fleet: Fleet, robot: str, station: PageStation, encoder: Executor) -> None:
+        self._fleet = fleet
+        self._robot = robot
+        self._station = station
+        self._encoder = encoder
+        self._next: asyncio.Task[Picture] | None = None
+        self._begun: set[asyncio.Task[Picture]] = set()
+        self._begin_at = 0.0
+        self._made: dict[str, tuple[Any, str]] = {}
+        self._log: dict[tuple[str, int], str] = {}
+        self._map: tuple[GridMap | None, bytes] = None, b''
+
+    async def newest(self) -> Picture:
+        """Return a picture that was begun after this was called, and not sooner than PERIOD after the one before."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._make_next())
+            self._begun.add(self._next)
+            self._next.add_done_callback(self._begun.discard)
+        return await asyncio.shield(self._next)
+
+    def close(self) -> None:
+        """Make no more: no page is left."""
+        for task in self._begun:
+            task.cancel()
+
+    async def _make_next(self) -> Picture:
+        await asyncio.sleep(max(0.0, self._begin_at - time.monotonic()))
+        self._next = None  # who asks from now on knows of changes that may be missing in this one
+        began = time.monotonic()
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._encoder, self._make)
+        finally:
+            took = time.monotonic() - began
+            self._begin_at = began + took + max(PERIOD - took, RESTS * took)
+
+    def _make(self) -> Picture:
+        station = self._station
+        view, robots = station.mirror.view(), self._fleet.overview()
+        parts = parts_of(view, station.make.operator)
+        if station.obstacles is not None:
+            parts['simulator'] = station.obstacles.is_possible()
+            parts['obstacles'] = station.obstacles.dropped
+        parts['robots'] = robot_lines(robots)
+        parts['robots_left_out'] = left_out_text(self._fleet.left_out)
+        parts['others'] = other_robots(self._robot, view, robots)
+        for name, part in parts.items():
+            if name not in self._made or self._made[name][0] != part:
+                self._made[name] = part, encode_json(part)
+        self._log = {
+            key: self._log[key] if key in self._log else encode_json(log_part(line))
+            for line in station.mirror.log(LOG_LINES)
+            for key in [(line.executive_id, line.sequence)]
+        }
+        map = view.surroundings.map
+        if map is not self._map[0]:
+            self._map = map, b'' if map is None else _map_message(map)
+        wanted = [machine_drawing(view.structure)] if view.structure is not None else []
+        return Picture(
+            view,
+            robots,
+            {name: text for name, (_, text) in self._made.items()},
+            encode_json(times_part(view)),
+            self._log,
+            self._map[1],
+            [*wanted, *(tree_drawing(run) for run in view.running_trees)],
+        )
+
+
+def _map_message(map: GridMap) -> bytes:
+    head, cells = map_part(map)
+    frame = encode_json(head).encode()
+    return struct.pack('>I', len(frame)) + frame + cells
 
 
 def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from typing import Final
 
@@ -18,6 +19,7 @@ from flexbt_core.values import hint, shown
 from .access import CLOSED_HEADERS, Access, guard
 from .drawings import Drawings
 from .page_link import PageLink
+from .picture import Pictures
 from .requests import MESSAGE_BYTES
 from .station import PageStation, Robots
 
@@ -41,7 +43,9 @@ class WebServer:
         self._robots = robots
         self._station = station
         self._access = access
-        self._pages: set[PageLink] = set()
+        self._pages: dict[PageLink, str] = {}
+        self._pictures: dict[str, Pictures] = {}
+        self._encoder = ThreadPoolExecutor(1, 'encoder')
         self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -59,6 +63,7 @@ class WebServer:
         """The application of aiohttp."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
         application.on_startup.append(self._start)
+        application.on_cleanup.append(self._end)
         application.router.add_get('/link', self._open)
         application.router.add_get('/{name:[a-z_.]*}', self._file)
         return application
@@ -67,6 +72,9 @@ class WebServer:
         self._loop = asyncio.get_running_loop()
         self._drawings = Drawings()
         self._robots.fleet.add_listener(self._wake)
+
+    async def _end(self, application: web.Application) -> None:
+        self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def _wake(self) -> None:
         """From any thread; many changes make one waking."""
@@ -115,15 +123,20 @@ class WebServer:
         if len(self._pages) >= MOST_PAGES:
             await page.refuse('TOO MANY PAGES', f'{MOST_PAGES} pages are open already; close one')
             return socket
-        self._pages.add(page)
+        self._pages[page] = robot
         try:
             await asyncio.to_thread(self._robots.open, robot)
             try:
-                await page.serve(self._robots.fleet, robot, self._station(*self._robots.robot(robot)))
+                station = self._station(*self._robots.robot(robot))
+                if robot not in self._pictures:
+                    self._pictures[robot] = Pictures(self._robots.fleet, robot, station, self._encoder)
+                await page.serve(robot, station, self._pictures[robot])
             finally:
                 await asyncio.to_thread(self._robots.close, robot)
         finally:
-            self._pages.discard(page)
+            del self._pages[page]
+            if robot in self._pictures and robot not in self._pages.values():
+                self._pictures.pop(robot).close()
         return socket
 
     def _named(self, name: str) -> str | None:

@@ -9,7 +9,7 @@ import {ServerLink} from './server_link.js';
 
 const MOST_LOG = 500;
 const byId = (id) => document.getElementById(id);
-const known = {actions: {}, active: {paths: [], states: []}, decisions: [], trees: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
+const known = {actions: {}, active: {paths: [], states: []}, decisions: [], trees: [], tree_states: {}, left_out: [], robots_left_out: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
 let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
 
@@ -109,7 +109,8 @@ function drawTrees() {
     if (!pane) {
       pane = element('div', {'data-id': tree.id, class: 'tree'}, element('p', {'aria-live': 'polite'}), element('div', {}));
     }
-    const text = `${tree.tree}${tree.paused ? ' (paused)' : ''}: ${tree.leaves.length ? `▶ ${tree.leaves.join(', ')}` : 'no leaf runs'}`;
+    const {paused, leaves} = known.tree_states[tree.id];
+    const text = `${tree.tree}${paused ? ' (paused)' : ''}: ${leaves.length ? `▶ ${leaves.join(', ')}` : 'no leaf runs'}`;
     if (pane.firstElementChild.textContent !== text) pane.firstElementChild.textContent = text;
     return [tree, pane];
   });
@@ -117,15 +118,16 @@ function drawTrees() {
   if (panesNow.length !== place.children.length || panesNow.some((pane, index) => place.children[index] !== pane)) place.replaceChildren(...panesNow);
   for (const [tree, pane] of shown) {
     const picture = pane.lastElementChild;
+    const state = known.tree_states[tree.id];
     const svg = tree.drawing && show(picture, tree.drawing);
     if (svg) {
-      statuses(svg, tree.statuses, tree.last);
-      const leaf = tree.statuses.findLastIndex((status) => status === 'running');
+      statuses(svg, state.statuses, state.last);
+      const leaf = state.statuses.findLastIndex((status) => status === 'running');
       if (String(leaf) !== pane.dataset.leaf) {
         pane.dataset.leaf = String(leaf);
         bring(place, svg.querySelector(`[id="t0n${leaf}"]`));
       }
-    } else picture.replaceChildren(...tree.nodes.map((node, index) => element('div', {}, `${node}: ${tree.statuses[index]}`)));
+    } else picture.replaceChildren(element('pre', {}, tree.nodes.map((node, index) => `${node}: ${state.statuses[index]}`).join('\n')));
   }
 }
 
@@ -190,7 +192,7 @@ function drawRobots() {
   }
   // A line stays what it is while it is clicked; the focus stays at its robot when the order changes.
   const needing = known.robots.filter((robot) => robot.needs_operator).length;
-  const told = `robots: ${known.robots.length}, need you: ${needing}`;
+  const told = [`robots: ${known.robots.length}, need you: ${needing}`, ...known.robots_left_out].join(', ');
   if (byId('robots-told').textContent !== told) byId('robots-told').textContent = told;
   const list = byId('robots');
   const lines = new Map([...list.children].map((line) => [line.firstElementChild.dataset.robot, line]));
@@ -241,8 +243,9 @@ function takeParts(parts) {
   bar.show(known.decisions, known.times.now ?? 0);
   drawPlan();
   if (parts.machine !== undefined || parts.active || parts.decisions || parts.status) drawMachine();
-  if (parts.trees) drawTrees();
-  if (parts.robots) drawRobots();
+  if (parts.trees || parts.tree_states) drawTrees();
+  if (parts.left_out) byId('left-out').textContent = parts.left_out.join('; ');
+  if (parts.robots || parts.robots_left_out) drawRobots();
   if (parts.obstacles || 'simulator' in parts) drawObstacles();
   drawHead();
   choose();
