@@ -87,7 +87,7 @@ def test_what_can_be_sent_is_left_as_it_is_and_the_rest_made_so() -> None:
     status = ExecutiveStatus(decisions=[PendingDecision(prompt=prompt, outcomes=['a', '\udc80', '\0'])])
     make_sendable(status)
     serialize_message(status)
-    assert (status.decisions[0].prompt, status.decisions[0].outcomes) == (prompt, ['a', '?', '\ufffd'])
+    assert (status.decisions[0].prompt, status.decisions[0].outcomes) == (prompt, ['a', '\ufffd', '\ufffd'])
 
 
 def test_every_bound_of_the_table_is_one_of_a_field() -> None:

@@ -315,14 +315,27 @@ def _known_path(view: View, text: str) -> str:
     raise RefusedError(f'there is no state {shown(text)}{remedy}')
 
 
+def _behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
+    """The behavior called ``name``, or ``package/name``, as the executive finds it.
+
+    Raises:
+        RefusedError: there is none, or several packages have one.
+    """
+    found = [one for one in behaviors if name in (one.name, f'{one.package}/{one.name}')]
+    if len(found) == 1:
+        return found[0]
+    same = [one.name for one in behaviors if one.name == f'{one.package}/{name}']
+    if same:
+        raise RefusedError(f'several packages have a behavior {shown(name)}; say {" or ".join(map(shown, same))}')
+    remedy = hint(name, [one.name for one in behaviors], '; see "behaviors"')
+    raise RefusedError(f'there is no behavior {shown(name)}{remedy}')
+
+
 def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]]) -> None:
     behaviors: Sequence[Behavior] | None = view.behaviors
     if behaviors is None:
         return
-    behavior = next((behavior for behavior in behaviors if behavior.name == name), None)
-    if behavior is None:
-        remedy = hint(name, [behavior.name for behavior in behaviors], '; see "behaviors"')
-        raise RefusedError(f'there is no behavior {shown(name)}{remedy}')
+    behavior = _behavior(behaviors, name)
     if behavior.error:
         raise RefusedError(f'behavior {shown(name)} cannot be used: {behavior.error}')
     parameters = {parameter.name: parameter for parameter in behavior.parameters}

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -149,6 +150,18 @@ def test_start_is_checked_against_the_list_of_behaviors(make: CommandBuilder) ->
     ):
         with pytest.raises(RefusedError, match=message):
             make.start(view(), name, arguments)
+
+
+def test_a_name_of_several_packages_is_refused_with_the_names_to_say(make: CommandBuilder) -> None:
+    behaviors = (Behavior('a/Drive', package='a'), Behavior('b/Drive', package='b'), Behavior('Look', package='b'))
+    of_two = replace(view(), behaviors=behaviors)
+    for build in (make.start, make.switch):
+        with pytest.raises(RefusedError, match="several packages have a behavior 'Drive'; say 'a/Drive' or 'b/Drive'"):
+            build(of_two, 'Drive')
+        assert build(of_two, 'b/Drive').behavior == 'b/Drive'
+        assert build(of_two, 'b/Look').behavior == 'b/Look'
+        with pytest.raises(RefusedError, match="no behavior 'a/Look'"):
+            build(of_two, 'a/Look')
 
 
 def test_parameters_of_embedded_behaviors_are_the_executives_to_judge(make: CommandBuilder) -> None:
