@@ -22,6 +22,7 @@ from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import (
     UNKNOWN_WRITER,
     NodeRuntime,
+    Pace,
     Received,
     ReceivedMessages,
     SenderRates,
@@ -129,6 +130,7 @@ class OperatorLink:
         until :meth:`hear_all`: one among many robots costs little, whatever it sends.
         """
         self._only_status = only_status
+        self._pace = Pace(runtime)
         self._is_closed = False
         self._namespace = namespace
         self._operator = operator
@@ -324,6 +326,8 @@ class OperatorLink:
 
     def _join(self, gives_commands: bool) -> None:
         node = self._runtime.node
+        # The statuses of all robots that nobody has opened share a pace; what comes beside a status has one of its own.
+        self._pace_of_others: Pace = self._runtime.once('robots that nobody has opened', Pace)
         self._hear_picture()
         self._pings = node.create_publisher(
             Header, names.of_robot(self._namespace, names.EXECUTIVE_PING), names.unacknowledged()
@@ -367,7 +371,8 @@ class OperatorLink:
             topic = self._topic(topic)
             on_message = self._forward(type, topic, convert, receive)
             if not self._only_status:
-                messages = ReceivedMessages(node, type, topic, names.latched(depth), on_message, MESSAGE_BYTES)
+                qos, awaited = names.latched(depth), self._pace.is_over
+                messages = ReceivedMessages(node, type, topic, qos, on_message, MESSAGE_BYTES, is_awaited=awaited)
                 self._picture.append(messages)
         self._statuses = ReceivedMessages(
             node,
@@ -377,6 +382,7 @@ class OperatorLink:
             self._on_status,
             STATUS_BYTES,
             event_callbacks=SubscriptionEventCallbacks(matched=self._on_status_matched),
+            is_awaited=self._pace_of_others.is_over if self._only_status else None,
         )
         self._picture.append(self._statuses)
 
@@ -413,9 +419,10 @@ class OperatorLink:
         def on_message(received: Received) -> None:
             if not self._sender.has_sent(received.participant):
                 return  # that there are several senders is told when they come, see _find_problems
-            message = self._unpacked(received, message_type, topic)
-            if message is not None:
-                receive(convert(message))
+            with self._pace.work():
+                message = self._unpacked(received, message_type, topic)
+                if message is not None:
+                    receive(convert(message))
 
         return on_message
 
@@ -431,6 +438,10 @@ class OperatorLink:
         return message
 
     def _on_status(self, received: Received) -> None:
+        with self._pace_of_others.work() if self._only_status else contextlib.nullcontext():
+            self._take_status(received)
+
+    def _take_status(self, received: Received) -> None:
         participant = received.participant
         if participant != UNKNOWN_WRITER and not self._status_rates.allows(received.process):
             self._statuses.blame(received)
