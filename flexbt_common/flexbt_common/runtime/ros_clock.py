@@ -20,7 +20,7 @@ from .simulated_time import SimulatedTime
 _NANOSECONDS = 1_000_000_000
 _FARTHEST = 10.0**9
 """Seconds; a timer that is farther away is checked again then. rcl counts nanoseconds in 64 bits."""
-_LONGEST_STEP = 3600 * _NANOSECONDS
+_LONGEST_STEP = 86_400 * _NANOSECONDS
 """What simulated time may go on from one message to the next; more is a jump."""
 
 
@@ -44,7 +44,7 @@ class Host(Protocol):
 class RosClock:
     """Time of the node in seconds, and timers on it, called on the executor thread.
 
-    The time equals ROS time until the latter jumps back (simulation reset), jumps ahead by an hour or more in one
+    The time equals ROS time until the latter jumps back (simulation reset), jumps ahead by a day or more in one
     message (another recording), or a computer's clock is set: such a jump is taken out, so that this time never goes
     back, and whoever waits for two more seconds does so. So is the jump with which simulated time begins, from 0 to the
     first message of /clock, when somebody has asked for the time before. Time stamps of messages are ROS time: take

@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
 from flexbt_common.calls import GoalAdmission, GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import ClockHealth, NodeRuntime, clock_health
 from flexbt_core.behavior_tree import Tree
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.action import BtExecute
@@ -37,7 +37,7 @@ class ExecuteServer:
         admission: GoalAdmission,
     ) -> None:
         def serve(served: ServedGoal) -> None:
-            goals.serve(_ExecuteGoal(served, runtime.clock.now(), default_tree, boards))
+            goals.serve(_ExecuteGoal(served, runtime.clock.now(), default_tree, boards, clock_health(runtime)))
 
         GoalServer(
             runtime,
@@ -52,11 +52,14 @@ class ExecuteServer:
 
 
 class _ExecuteGoal(TreeGoal):
-    def __init__(self, served: ServedGoal, accepted: float, default_tree: str, boards: Blackboards) -> None:
+    def __init__(
+        self, served: ServedGoal, accepted: float, default_tree: str, boards: Blackboards, clock: ClockHealth
+    ) -> None:
         request = served.request
         tree = request.behavior_tree or default_tree
         super().__init__(served, accepted, names.BT_EXECUTOR, tree, request.blackboard, request.owner)
         self._boards = boards
+        self._clock = clock
         self._speed = Speed()
 
     def read(self) -> list[Value]:
@@ -71,13 +74,14 @@ class _ExecuteGoal(TreeGoal):
         return values
 
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        run = running.run
-        return feedback_of(running.id, tree, run.board, pose, self._speed.at(pose), seconds, run.not_ended)
+        run, speed = running.run, self._speed.at(pose)
+        return feedback_of(running.id, tree, run.board, pose, speed, seconds, run.not_ended, self._clock.problem)
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         run = None if self.running is None else self.running.run
         board, not_ended = (self._boards.find(self.blackboard), ()) if run is None else (run.board, run.not_ended)
-        result = result_of(self.served.request, outcome, board, self.notice, seconds, not_ended)
+        notice = '; '.join(filter(None, [self.notice, self._clock.problem]))
+        result = result_of(self.served.request, outcome, board, notice, seconds, not_ended)
         return result.code, result
 
     def fault_result(self, why: str) -> Any:

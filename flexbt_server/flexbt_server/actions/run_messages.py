@@ -30,9 +30,10 @@ def feedback_of(
     speed: float,
     seconds: float,
     not_ended: Sequence[str],
+    clock_problem: str,
 ) -> Any:
     """The feedback message of a run. ``pose``: the latest of the robot, a PoseStamped; ``speed`` in m/s; ``seconds``
-    since the acceptance; ``not_ended``: canceled goals that go on.
+    since the acceptance; ``not_ended``: canceled goals that go on; ``clock_problem``: what is wrong with the time.
     """
     distance = distance_along(board.get_or('path', None), pose)
     poses = _poses_ahead(board)
@@ -47,6 +48,7 @@ def feedback_of(
         goal=poses[-1] if poses else PoseStamped(),
         run_id=run_id,
         not_ended=not_ended,
+        clock_problem=clock_problem,
     )
 
 

@@ -165,3 +165,13 @@ def test_a_cancel_needs_no_time(simulation: Simulation) -> None:
         goal.call.cancel(DEADLINE)
     for name, goal in simulation._goals.items():
         assert goal.result.code == Result.CANCELED, name
+
+
+def test_a_run_without_a_time_says_so_in_feedback_and_result() -> None:
+    with open_world(use_sim_time=True, feedback_rate=50.0) as world:
+        world.client.load_tree(FOREVER, 'Waits')
+        goal = world.client.execute('Waits')
+        wait_until(lambda: 'nobody publishes /clock' in goal.feedback[-1].clock_problem, 'what is wrong')
+        goal.call.cancel(DEADLINE)
+        assert goal.result.code == Result.CANCELED
+        assert 'nobody publishes /clock' in goal.result.message

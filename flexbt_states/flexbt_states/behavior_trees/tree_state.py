@@ -195,6 +195,8 @@ class TreeState(GoalState):
             goal=feedback.goal if feedback.goal.header.frame_id else None,
         )
         nodes, not_ended = tuple(feedback.active_nodes), tuple(feedback.not_ended)
+        if feedback.clock_problem:
+            nodes += (f'{self._topic}: {feedback.clock_problem}',)
         if pause is None or not pause.wanted:  # else the status says it
             self._warn_of(not_ended)
         if (nodes, not_ended) != (self._activity, self._not_ended):
