@@ -9,13 +9,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
+from rosgraph_msgs.msg import Clock
 
+from flexbt_common.names import CLOCK
 from flexbt_common.runtime import NodeRuntime
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
-from flexbt_testing.waiting import DEADLINE, uncontended_time
+from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 ROBOT = frozenset({'simulator', 'navigation', 'bt_server', 'stop_guard', 'onboard_executive'})
 KITCHEN = (10.0, 2.3)
@@ -82,6 +85,32 @@ def test_stop_while_driving_brings_the_robot_to_rest_and_leaves_no_goal(stack: S
     assert rest_after(probe, stopped) < REST_AFTER_STOP
     for action in ('bt_executor', 'follow_path', 'compute_path_to_pose', 'operator_input'):
         assert probe.active_goals(action) == 0, action
+
+
+@pytest.mark.parametrize(
+    'bad',
+    [Time(sec=-3), Time(sec=30 * 365 * 86_400), Time(sec=5, nanosec=4_000_000_000)],
+    ids=['negative', 'late', 'none'],
+)
+def test_bad_times_on_clock_keep_no_stop_from_the_robot(bad: Time, stack: Stack, probe: Probe) -> None:
+    """Four seconds of the first one froze the executive for good."""
+    with NodeRuntime.open('forger') as forger:
+        publisher = forger.call(lambda: forger.node.create_publisher(Clock, CLOCK, 10))
+        wait_until(lambda: publisher.get_subscription_count() >= len(ROBOT) - 1, 'those who hear the time')
+        probe.drive_to(*KITCHEN)
+        sent = [0]
+
+        def send() -> None:
+            publisher.publish(Clock(clock=bad))
+            sent[0] += 1
+            forger.steady.call_at(forger.steady.now() + 0.01, send)
+
+        send()
+        wait_until(lambda: sent[0] >= 400, 'the bad times')
+        stopped = probe.stop()
+        probe.wait_state(ExecutiveStatus.IDLE)
+        assert rest_after(probe, stopped) < REST_AFTER_STOP
+    drive_again(probe)
 
 
 @pytest.mark.parametrize('victim', ['bt_server', 'navigation'])
