@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Final, Self
@@ -54,6 +56,14 @@ class Console:
         """
         raise NotImplementedError
 
+    def stop(self) -> None:
+        """Have the operator stop the robot, and do not wait for what is told."""
+        raise NotImplementedError
+
+    def go_on(self, seconds: float) -> None:
+        """Show what comes for so long."""
+        time.sleep(seconds)
+
     def _wait(self, done: Callable[[], object], what: str) -> None:
 
         def seen() -> object:
@@ -93,6 +103,11 @@ class LineMode(Console):
             raise ConsoleEndedError(command)
         assert '"result": "applied"' in said, said
 
+    def stop(self) -> None:
+        """As in the base."""
+        super().__exit__(None, None, None)
+        super().__init__('stop', stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
 
 class Screen(Console):
     """The screen in a terminal."""
@@ -103,7 +118,7 @@ class Screen(Console):
         self._terminal = Terminal()
         super().__init__('screen', **self._terminal.streams)
         self._terminal.begin()
-        self._wait(lambda: b'RUNNING' in self._terminal.written, 'the robot on the screen')
+        self._wait(lambda: b'LIVE' in self._terminal.written, 'the robot on the screen')
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -123,6 +138,10 @@ class Screen(Console):
 
             self._terminal.type(self.KEYS[command])
             self._wait(is_answered, f'{command} on the screen')
+
+    def stop(self) -> None:
+        """As in the base: F8."""
+        self._terminal.type(b'\x1b[19~')
 
 
 class Page(Console):
@@ -159,6 +178,23 @@ class Page(Console):
             await self._socket.send_json({'do': command, 'decision': None})
             content = await self._until(lambda content: self._words(content, answer, unsent))
             told = content['told']['text']
+
+    async def _read(self) -> None:
+        while True:
+            await self._socket.receive()
+
+    def stop(self) -> None:
+        """As in the base."""
+        self._runner.run(self._socket.send_json({'do': 'stop', 'decision': None}))
+
+    def go_on(self, seconds: float) -> None:
+        """As in the base."""
+
+        async def read() -> None:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._read(), seconds)
+
+        self._runner.run(read())
 
     @staticmethod
     def _words(content: dict[str, Any], *words: str) -> set[str]:

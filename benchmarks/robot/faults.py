@@ -13,8 +13,15 @@ robot take: each topic, service and action with TEXT in its name. After 4 s the 
 metres and seconds from that stop on, how much the processes have grown, s from the end of the flood until all is ready
 again and a command is answered, and what the operator was told.
 
+With --attacks, the operator stops a robot that is attacked (:mod:`_attack`; ``none`` is no attack) from each console,
+while the executive is alive, hangs (SIGSTOP) or is dead, and while a run drives the robot or another program of Nav2's.
+The table has metres and seconds from the key, or from when the STOP of the line mode has left it, until rest; after how
+long it has left; who has confirmed it; and how much the processes have grown. STOP has to act within 1.0 s and 0.3 m.
+
 Usage: python3 benchmarks faults [--kills N] [--stops N] [--hangs N] [--of NAME ...] [--seconds S] [--stop-after S]
                                  [--floods [TEXT ...]] [--seed N] [--output FILE.json]
+       python3 benchmarks faults --attacks [NAME ...] [--consoles TEXT ...] [--executives alive|hung|dead ...]
+                                 [--drivers run|program ...] [--attack-seconds S] [--output FILE.json]
        (so many of each process, hangs of each thread; --of: only processes whose name contains one of NAME)
 """
 
@@ -35,17 +42,23 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from _attack import NAMES as ATTACKS
 from _consoles import CONSOLES, OPERATOR, ConsoleEndedError
 from _figures import write_figures
 from domain_coordinator import domain_id
 from geometry_msgs.msg import PoseStamped
+from nav2_msgs.action import NavigateToPose
+from std_msgs.msg import Header
 
-from flexbt_common.runtime import NodeRuntime
-from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_common import names
+from flexbt_common.calls import ActionCall, ActionLinks
+from flexbt_common.runtime import NodeRuntime, Received, ReceivedMessages
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.probe import Probe, stamp
 from flexbt_testing.system.processes import Stack
@@ -62,6 +75,18 @@ FLOOD_STOP_SECONDS: Final = 4.0
 
 BEGIN_SECONDS: Final = 30.0
 """For so long a flood may take to begin."""
+
+NO_ATTACK: Final = 'none'
+ATTACK_SECONDS: Final = 5.0
+EXECUTIVES: Final = ('alive', 'hung', 'dead')
+DRIVERS: Final = ('run', 'program')
+LINE_MODE: Final = 'console (line mode)'
+
+STOP_SECONDS: Final = 6.0
+"""For so long after a STOP it is looked where the robot has got to."""
+
+STOP_METRES: Final = 0.3
+"""A STOP may let the robot move so far, m, and for REST_SECONDS."""
 
 AUTHORITY_SECONDS: Final = 10.0
 """After which an operator without a console loses the authority."""
@@ -87,15 +112,20 @@ def main() -> int:
         metavar='TEXT',
         help='flood topics, services and actions whose name contains one of TEXT; without TEXT, all',
     )
+    parser.add_argument('--attacks', nargs='*', metavar='NAME', choices=(NO_ATTACK, *ATTACKS))
+    parser.add_argument('--consoles', nargs='+', metavar='TEXT', default=[''], help='whose name contains one of TEXT')
+    parser.add_argument('--executives', nargs='+', choices=EXECUTIVES, default=EXECUTIVES)
+    parser.add_argument('--drivers', nargs='+', choices=DRIVERS, default=DRIVERS)
+    parser.add_argument('--attack-seconds', type=float, default=ATTACK_SECONDS, help='of the attack before the STOP')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--output', type=Path)
     options = parser.parse_args()
     if options.stop_after is not None and not 0.0 <= options.stop_after < options.seconds:
         parser.error(f'--stop-after {options.stop_after:g}: give less than the {options.seconds:g} s of the fault')
     chance = random.Random(options.seed)
-    drive = partial(trial, chance=chance, seconds=options.seconds, stop_after=options.stop_after)
-    trials = [
-        (how == 'hang', partial(drive, how=how, name=name, thread=thread))
+    one_trial = partial(trial, chance=chance, seconds=options.seconds, stop_after=options.stop_after)
+    trials: list[tuple[bool, Callable[[Stack, Probe], dict[str, Any]]]] = [
+        (how == 'hang', partial(one_trial, how=how, name=name, thread=thread))
         for how, count in (('kill', options.kills), ('stop', options.stops), ('hang', options.hangs))
         for name, threads in THREADS.items()
         if any(text in name for text in options.of)
@@ -108,6 +138,25 @@ def main() -> int:
         if any(text in name for text in options.of)
         for _ in range(count)
     ]
+    if options.attacks is not None:
+        trials = [
+            (
+                False,
+                partial(
+                    attacked,
+                    attack=attack,
+                    name=name,
+                    executive=executive,
+                    driver=driver,
+                    seconds=options.attack_seconds,
+                ),
+            )
+            for attack in options.attacks or (NO_ATTACK, *ATTACKS)
+            for name in CONSOLES
+            if any(text in name for text in options.consoles)
+            for executive in options.executives
+            for driver in options.drivers
+        ]
     rows = []
     with domain_id() as domain, tempfile.TemporaryDirectory() as directory:
         os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -122,7 +171,10 @@ def main() -> int:
                 Stack(logs, can_be_held_up=can_be_held_up, forked=False) as stack,
                 NodeRuntime.open('probe') as runtime,
             ):
-                stack.start_all(onboard_executive={'authority_timeout': str(AUTHORITY_SECONDS)})
+                stack.start_all(
+                    bt_server={'navigators': f'["{names.NAVIGATE_TO_POSE}"]'},
+                    onboard_executive={'authority_timeout': str(AUTHORITY_SECONDS)},
+                )
                 probe = Probe(runtime)
                 probe.wait_ready()
                 rows.append(measure(stack, probe))
@@ -325,6 +377,125 @@ def unflooded(name: str, why: str, said: TextIO) -> dict[str, Any]:
     return {'fault': 'flood', 'process': name, 'metres': 0.0, 'seconds': FLOOD_SECONDS, 'run': run}
 
 
+@contextlib.contextmanager
+def stalled_log(stack: Stack, probe: Probe, attack: str) -> Iterator[None]:
+    """Nobody reads the log of the executive, which is started again for that; nothing for other attacks."""
+    if attack != 'log':
+        yield
+        return
+    before = probe.status.executive_id
+    stack.kill('onboard_executive')
+    file = stack.directory / 'onboard_executive.log'
+    file.unlink()
+    os.mkfifo(file)
+    reader = os.open(file, os.O_RDWR)
+    try:
+        stack.start('onboard_executive')
+        probe.wait(lambda: probe.status.executive_id != before, 'another executive')
+        probe.wait_ready()
+        yield
+    finally:
+        os.close(reader)
+        file.unlink()
+
+
+@contextlib.contextmanager
+def attacking(attack: str) -> Iterator[None]:
+    """Somebody attacks the robot, as soon as it has begun."""
+    if attack == NO_ATTACK:
+        yield
+        return
+    words = [sys.executable, str(Path(__file__).with_name('_attack.py')), attack]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as attacker:
+        try:
+            assert attacker.stdout is not None
+            began = select.select([attacker.stdout], [], [], BEGIN_SECONDS)[0] and attacker.stdout.readline()
+            assert began, f'{attack} has not begun within {BEGIN_SECONDS:g} s'
+            yield
+        finally:
+            attacker.kill()
+
+
+class Answers:
+    """When a STOP of the operator has left the console, where the robot was then, and who has confirmed it."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.left: float | None = None
+        self.there: PoseStamped | None = None
+        self._stop_id = ''
+        self._guard: set[str] = set()
+        self._probe = probe
+        probe.console.call(self._open)
+
+    def _open(self) -> None:
+        node = self._probe.console.node
+        ReceivedMessages(node, ExecutiveCommand, names.EXECUTIVE_STOP, names.stop(), self._on_stop, 10_000)
+        node.create_subscription(StopGuardStatus, names.STOP_GUARD_STATUS, self._on_guard, names.latched())
+
+    def _on_stop(self, received: Received) -> None:
+        if self.left is None and received.data is not None and OPERATOR.encode() in received.data:
+            self._stop_id = received.unpack(ExecutiveCommand).id
+            self.left, self.there = time.monotonic(), self._probe.pose
+
+    def _on_guard(self, status: StopGuardStatus) -> None:
+        self._guard |= {result.command_id for result in status.results}
+
+    @property
+    def confirmed(self) -> str:
+        """By whom."""
+        answers = (result.command_id for status in self._probe.statuses[-500:] for result in status.results)
+        by = [('executive', self._stop_id in answers), ('stop guard', self._stop_id in self._guard)]
+        return ' and '.join(who for who, has_confirmed in by if has_confirmed) or 'nobody'
+
+
+def drive(probe: Probe, driver: str) -> None:
+    """Have the robot driven to the first place, and wait until it drives."""
+    if driver == 'run':
+        probe.drive_to(*PLACES[0])
+        return
+    assert probe.pose is not None
+    began = probe.pose
+    pose = PoseStamped(header=Header(frame_id='map'))
+    pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = *PLACES[0], 1.0
+    link = ActionLinks(probe.console).link(NavigateToPose, names.NAVIGATE_TO_POSE)
+    ActionCall(link, NavigateToPose.Goal(pose=pose), on_done=lambda _: None)
+    probe.wait(lambda: probe.pose is not None and distance(began, probe.pose) > 0.5, 'the robot drives')
+
+
+def attacked(
+    stack: Stack, probe: Probe, attack: str, name: str, executive: str, driver: str, seconds: float
+) -> dict[str, Any]:
+    """One drive that is stopped from a console, while something attacks the robot."""
+    with stalled_log(stack, probe, attack):
+        drive(probe, driver)
+        answers, before = Answers(probe), memory(stack)
+        with CONSOLES[name]() as console, attacking(attack):
+            console.go_on(seconds)
+            if executive == 'hung':
+                stack.send_signal('onboard_executive', signal.SIGSTOP)
+            elif executive == 'dead':
+                stack.kill('onboard_executive')
+            there, pressed = probe.pose, time.monotonic()
+            console.stop()
+            console.go_on(STOP_SECONDS)
+            if name == LINE_MODE and answers.there is not None:
+                there = answers.there
+            rest, moved, after = probe.pose, probe.moved_stamp, memory(stack)
+    assert there is not None and rest is not None
+    metres, took = distance(there, rest), round(max(0.0, moved - stamp(there)), 2)
+    left = 'never' if answers.left is None else f'after {answers.left - pressed:.2f} s'
+    is_wrong = metres > STOP_METRES or took > REST_SECONDS or answers.left is None
+    grown = {process: after[process] - megabytes for process, megabytes in before.items() if process in after}
+    return {
+        'fault': attack,
+        'process': f'{name.partition("(")[2].rstrip(")")}, executive {executive}, {driver}',
+        'metres': metres,
+        'seconds': took,
+        'run': f'left {left}; confirmed by {answers.confirmed}; {grown} MB{"; TOO LATE" if is_wrong else ""}',
+        'wrong': is_wrong,
+    }
+
+
 def distance(one: PoseStamped, other: PoseStamped) -> float:
     """m, to the millimetre."""
     a, b = one.pose.position, other.pose.position
@@ -333,7 +504,7 @@ def distance(one: PoseStamped, other: PoseStamped) -> float:
 
 def line(row: dict[str, Any]) -> str:
     """A row of the table."""
-    return f'{row["fault"]:5} {row["process"]:26} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
+    return f'{row["fault"]:12} {row["process"]:34} {row["metres"]:6.3f} m {row["seconds"]:5.2f} s  {row["run"]}'
 
 
 if __name__ == '__main__':
