@@ -6,6 +6,7 @@ flexbt_core.errors.FlexbtError
 ├── ValueConversionError    a value does not fit its type
 ├── LimitExceededError      a message has more in it than is taken
 ├── ResourceError           a file cannot be used
+├── TopicTypeError          a topic has another type
 ├── TransformError          no transform between two frames is known
 └── UnfitParameterError     a parameter has no value that can work
 """
@@ -45,6 +46,17 @@ class ResourceError(FlexbtError):
     def __init__(self, name: str, message: str) -> None:
         super().__init__(f'{name}: {message}')
         self.name = name
+
+
+class TopicTypeError(FlexbtError):
+    """A topic cannot be used with ``type``: in this process it has others already."""
+
+    def __init__(self, topic: str, type: str, others: list[str]) -> None:
+        super().__init__(
+            f'topic {topic} has the type {", ".join(others)} and cannot be used as {type}; use another topic'
+        )
+        self.topic = topic
+        self.type = type
 
 
 class TransformError(FlexbtError):

@@ -113,8 +113,9 @@ class _PartsThread:
         """Answer for a node."""
         if self._thread is None:
             self._executor = make_executor(node, self._report, lambda: None, self._later)
-            self._thread = threading.Thread(target=self._spin, name=f'{self._runtime.name}_parts', daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._spin, name=f'{self._runtime.name}_parts', daemon=True)
+            thread.start()
+            self._thread = thread
         else:
             self._executor.add_node(node)
 

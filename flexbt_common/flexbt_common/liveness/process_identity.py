@@ -44,8 +44,10 @@ class ProcessIdentity:
             return False
         try:
             fields = _stat(str(self.pid))
-        except OSError:
+        except (FileNotFoundError, ProcessLookupError):
             return True
+        except OSError:  # it cannot be told: this process has no file descriptor left, for one
+            return False
         return fields[_START_TIME] != self.began or fields[_STATE] in ('Z', 'X')
 
 

@@ -45,6 +45,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from flexbt_common.errors import TopicTypeError
 from flexbt_common.names import deep_services
 from flexbt_core.clock import CoalescedTimers, SteadyClock, Timer
 from flexbt_core.values import lines
@@ -102,16 +103,31 @@ class DeepNode(Node):
         return QosMisfits(self)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
-        """See :meth:`rclpy.node.Node.create_subscription`."""
+        """See :meth:`rclpy.node.Node.create_subscription`. Raises TopicTypeError, too."""
         events = options.pop('event_callbacks', None) or SubscriptionEventCallbacks()
         watched = self.qos_misfits.watched(events, topic)
-        return super().create_subscription(msg_type, topic, *args, event_callbacks=watched, **options)
+        with self._told_types(msg_type, topic):
+            return super().create_subscription(msg_type, topic, *args, event_callbacks=watched, **options)
 
     def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
-        """See :meth:`rclpy.node.Node.create_publisher`."""
+        """See :meth:`rclpy.node.Node.create_publisher`. Raises TopicTypeError, too."""
         events = options.pop('event_callbacks', None) or PublisherEventCallbacks()
         watched = self.qos_misfits.watched(events, topic)
-        return super().create_publisher(msg_type, topic, *args, event_callbacks=watched, **options)
+        with self._told_types(msg_type, topic):
+            return super().create_publisher(msg_type, topic, *args, event_callbacks=watched, **options)
+
+    @contextlib.contextmanager
+    def _told_types(self, msg_type: Any, topic: str) -> Iterator[None]:
+        """Say what is wrong with a topic that has another type in this process: rcl tells of its allocator."""
+        try:
+            yield
+        except RuntimeError as error:
+            name = self.resolve_topic_name(topic)
+            type = f'{msg_type.__module__.partition(".")[0]}/msg/{msg_type.__name__}'
+            known = dict(self.get_topic_names_and_types()).get(name, [])
+            if others := [one for one in known if one != type]:
+                raise TopicTypeError(name, type, others) from error
+            raise
 
     @property
     def executor(self) -> Any:
@@ -629,7 +645,8 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
         return
     in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
     in_time.daemon = True
-    in_time.start()
+    with contextlib.suppress(RuntimeError):  # no thread is left for it: the watchdog ends the process a second later
+        in_time.start()
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
     faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)

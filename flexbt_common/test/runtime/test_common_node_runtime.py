@@ -28,7 +28,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 
 from flexbt_common.calls import ServiceLinks, service_outcome
-from flexbt_common.errors import UnfitParameterError
+from flexbt_common.errors import TopicTypeError, UnfitParameterError
 from flexbt_common.lifecycle.lifecycle_node import OpenLifecycleNode
 from flexbt_common.runtime import NodeRuntime, rclpy_private, run_node
 from flexbt_common.runtime.node_runtime import DeepNode
@@ -71,6 +71,17 @@ NOT_FOR_ROS = 'fail stuck fleet failing raising exit interrupt shutdown abort'.s
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
+
+
+def test_a_topic_of_another_type_is_refused_with_both_types() -> None:
+    with NodeRuntime.open('clock', parameters={'use_sim_time': True}) as runtime:
+        node, told = runtime.node, '/clock has the type rosgraph_msgs/msg/Clock .* std_msgs/msg/Empty'
+        for create in (
+            partial(node.create_subscription, Empty, '/clock', print, 1),
+            partial(node.create_publisher, Empty, '/clock', 1),
+        ):
+            with pytest.raises(TopicTypeError, match=told):
+                runtime.call(create)
 
 
 def test_what_is_posted_for_later_is_not_run_when_it_is_cancelled_though_it_is_due() -> None:

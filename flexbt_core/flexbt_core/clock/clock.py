@@ -131,14 +131,19 @@ class SteadyClock:
         return time.monotonic()
 
     def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
-        """As in :class:`Clock`. After :meth:`close` nothing is called any more."""
+        """As in :class:`Clock`. After :meth:`close` nothing is called any more.
+
+        Raises:
+            RuntimeError: the computer has no thread left for the first timer; the next one tries again.
+        """
         with self._condition:
             timer = self._timers.add(when, callback)
             if self._closed:
                 self._timers.clear()
             elif self._thread is None:
-                self._thread = threading.Thread(target=self._run, name='steady_clock', daemon=True)
-                self._thread.start()
+                thread = threading.Thread(target=self._run, name='steady_clock', daemon=True)
+                thread.start()
+                self._thread = thread
             elif self._timers.is_first(timer):
                 self._condition.notify()
         return timer

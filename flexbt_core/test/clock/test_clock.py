@@ -204,6 +204,20 @@ def test_steady_clock_needs_no_thread_before_the_first_timer() -> None:
     clock.close()
 
 
+def test_steady_clock_begins_its_thread_later_when_none_was_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    clock, called = SteadyClock(), threading.Event()
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, 'start', fail)
+        with pytest.raises(RuntimeError):
+            clock.call_at(clock.now(), lambda: None)
+    clock.call_at(clock.now(), called.set)
+    assert called.wait(DEADLINE)
+    clock.close()
+
+
 def test_what_lies_between_the_looks_at_two_clocks_is_no_sleep_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever compares it with the wall's clock would take what is missing for a clock that was set."""
     asleep, now, pauses = 3600.0, 1000.0, iter((0.0, 0.3, 0.2, 0.0, 0.0, 0.0))

@@ -105,8 +105,11 @@ class BehaviorRun:
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
 
     def start(self) -> None:
-        """Begin to build and run the behavior."""
-        self._thread.start()
+        """Begin to build and run the behavior; it is refused when the computer has no thread left for it."""
+        try:
+            self._thread.start()
+        except RuntimeError as error:
+            self._refuse(f'it cannot begin: {error}; end something that runs on this computer, or raise its limits')
 
     def join(self, timeout: float) -> bool:
         """Wait for the end of the run; whether it came within ``timeout`` seconds."""

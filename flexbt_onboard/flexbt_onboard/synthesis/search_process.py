@@ -64,7 +64,7 @@ class SearchProcess:
         why = ''
         try:
             answer, why = self._searched()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RuntimeError) as error:  # the last: no thread is left for the timer
             why = f'the search cannot be run: {error}'
         if self._is_canceled:
             answer, why = None, ''
@@ -80,9 +80,9 @@ class SearchProcess:
             if self._is_canceled:
                 self._kill()
         limit = threading.Timer(self._seconds + _GRACE, self._too_late)
-        limit.start()
         answer: SearchMessage | None = None
         try:
+            limit.start()
             with contextlib.suppress(BrokenPipeError), process:
                 assert process.stdin is not None and process.stdout is not None
                 process.stdin.write(json.dumps(self._request).encode() + b'\n')

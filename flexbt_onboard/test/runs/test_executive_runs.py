@@ -219,6 +219,25 @@ def test_a_start_that_cannot_be_is_refused_with_the_reason(
     assert bench.wait_idle() == 'done'
 
 
+def test_a_run_for_which_no_thread_is_left_is_refused_and_the_next_one_runs(
+    make_bench: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, begin = make_bench(two_steps), threading.Thread.start
+
+    def start(thread: threading.Thread) -> None:
+        if thread.name.startswith('run_'):
+            raise RuntimeError("can't start new thread")
+        begin(thread)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, 'start', start)
+        assert "it cannot begin: can't start new thread" in bench.refused(START, behavior='Test')
+    bench.wait_for(lambda status: status.state == IDLE, 'rest')
+    bench.start(autonomy=3)
+    bench.applied(STOP)
+    bench.wait_idle()
+
+
 def no_target() -> OperatableStateMachine:
     machine = OperatableStateMachine(outcomes=['done'])
     with machine:

@@ -22,6 +22,7 @@ class Computation:
         self._runtime = runtime
         self._name = name
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        self._pool.submit(lambda: None)  # its thread begins now: for a goal, there might be none left
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
 
     def run(

@@ -193,8 +193,10 @@ def test_no_path_leads_into_a_no_go_zone_that_comes_is_moved_and_goes(world: Rob
     lawn = f'zones: {{lawn: {{kind: no_go, pose: {[*OFFICE[:2], 0.0]}, area: [1.0, 1.0]}}}}'
     world.ask(SpawnEntity, 'simulator/spawn_entity', SpawnEntity.Request(resource_string=lawn))
     wait_for_plan(Result.GOAL_OCCUPIED)
-    for wrong in (CostmapFilterInfo(type=2, filter_mask_topic='speed'), CostmapFilterInfo(filter_mask_topic='a b')):
-        infos.publish(wrong)  # they are no masks of areas to keep out of: that of the zone stays
+    wrong = [CostmapFilterInfo(type=2, filter_mask_topic='speed')]
+    wrong += [CostmapFilterInfo(filter_mask_topic=topic) for topic in ('a b', '/clock', '/cmd_vel')]
+    for info in wrong:
+        infos.publish(info)  # they are no masks of areas to keep out of: that of the zone stays
     for place, code in (((9.0, 1.2, 0.0), Result.NONE), (OFFICE, Result.GOAL_OCCUPIED)):
         moved = EntityState(pose=pose(place).pose)
         world.ask(SetEntityState, 'simulator/set_entity_state', SetEntityState.Request(entity='lawn', state=moved))
