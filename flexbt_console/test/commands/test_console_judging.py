@@ -110,7 +110,9 @@ def test_what_has_come_is_drawn_in_the_place_of_the_plan(mirror: Mirror) -> None
 
 
 @pytest.mark.parametrize(
-    'subjects', [subjects(number=1), replace(subjects(), executive_id='before')], ids=['of a value before', 'of another']
+    'subjects',
+    [subjects(number=1), replace(subjects(), executive_id='before')],
+    ids=['of a value before', 'of another'],
 )
 def test_what_belongs_to_something_else_counts_for_nothing(mirror: Mirror, subjects: Subjects) -> None:
     mirror.receive_subjects(subjects)

@@ -106,15 +106,17 @@ class OperatorLink:
         make_sendable(status)
         self._status.publish(status)
 
-    def publish_subjects(self, subjects: DecisionSubjects) -> None:
-        """Send what the decisions of the next status are about, if it has changed. On the executor thread."""
+    def publish_subjects(self, subjects: DecisionSubjects) -> bool:
+        """Send what the decisions of the next status are about, if it has changed; whether it has. On the executor
+        thread."""
         sent = [(subject.id, subject.number) for subject in subjects.subjects]
         if sent == self._subjects_sent:
-            return
+            return False
         self._subjects_sent = sent
         subjects.executive_id = self._executive_id
         make_sendable(subjects)
         self._subjects.publish(subjects)
+        return True
 
     def publish_structure(self, structure: BehaviorStructure) -> None:
         """Send the structure of a run, before the run's first status."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from nav_msgs.msg import Path
@@ -11,7 +12,8 @@ from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import fewer_poses
+from flexbt_common.values import fewer_poses, from_entry
+from flexbt_msgs.msg import DecisionSubject
 
 MOST_POSES: Final = 500
 """Poses that are passed on: as many as a map on a screen has room for."""
@@ -23,6 +25,9 @@ MOST_BYTES: Final = 2_000_000
 """Of a plan that is passed on: 25,000 poses. To unpack more would hold up everything else."""
 
 MESSAGE_BYTES: Final = 32_000_000
+
+
+_PATH: Final = 'nav_msgs/msg/Path'
 
 
 class RobotPlan:
@@ -44,6 +49,13 @@ class RobotPlan:
         self._newest = None
         if not self._is_empty:
             self._publish(Path())
+
+    def judged(self, subjects: Sequence[DecisionSubject]) -> None:
+        """Take a path that the operator judges as the plan, while none was heard in this run: it was published before
+        this process was started, or by nobody."""
+        paths = (entry for one in subjects for entry in one.entries if entry.type == _PATH and entry.data)
+        if self._is_empty and self._newest is None and (path := next(paths, None)) is not None:
+            self._publish(from_entry(path))
 
     def _on_message(self, received: Received) -> None:
         is_planned, self._newest = self._newest is not None, received

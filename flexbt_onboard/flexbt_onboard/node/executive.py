@@ -280,7 +280,8 @@ class Executive:
         self._actions.refresh()
 
     def _show(self, picture: Picture) -> None:
-        self._link.publish_subjects(picture.subjects)
+        if self._link.publish_subjects(picture.subjects):
+            self._plan.judged(picture.subjects.subjects)
         self._link.publish_status(picture.status)
 
     def _publish_structure(self, structure: BehaviorStructure) -> None:

@@ -212,5 +212,8 @@ def test_a_plan_is_kept_for_consoles_that_come_late_and_forgotten_with_the_next_
         wait_until(lambda: not heard[-1].poses, 'no plan, and not the one before')
         publisher.publish(path_of(3))
         wait_until(lambda: len(heard[-1].poses) == 3, 'the next plan')
+        before = len(heard)
         bench.start(autonomy=1)
-        wait_until(lambda: not heard[-1].poses, 'no plan yet')
+        wait_until(lambda: len(heard) == before + 2, lambda: f'have {[len(path.poses) for path in heard]}')
+        assert heard[-2].poses == []  # that of the run before
+        assert heard[-1] == path_of(200)  # what is judged: no planner has published it
