@@ -32,7 +32,7 @@ from flexbt_testing.system.processes import Stack, executable
 from flexbt_testing.waiting import wait_until
 
 EXECUTIVE = 'onboard_executive'
-NO_ROBOT = 'NO EXECUTIVE'
+NO_ROBOT = 'LISTENING'
 AT_REST = 'LIVE  IDLE'
 IN_A_RUN = 'LIVE  RUNNING'
 LOST = 'LOST'

@@ -4,7 +4,7 @@
 from .command_tracker import LONGEST_RESEND, CommandState, CommandTracker, Confirmation, TrackedCommand
 from .fleet import Fleet, RobotOverview, Urgency, overview_of
 from .freshness import LIVE_PERIODS, LOST_PERIODS, LOST_SECONDS, Freshness, LinkState
-from .mirror import Change, Mirror, Transit
+from .mirror import LISTEN_SECONDS, Change, Mirror, Transit
 from .records import (
     LIVENESS,
     NOTE_LENGTH,
@@ -50,6 +50,7 @@ from .trees import NodeKind, NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
 __all__ = [
+    'LISTEN_SECONDS',
     'LIVENESS',
     'LIVE_PERIODS',
     'LONGEST_RESEND',

@@ -40,6 +40,9 @@ LOG_LENGTH: Final = 500
 REMEMBERED_EXECUTIVES: Final = 16
 REMEMBERED_STRUCTURES: Final = 4
 
+LISTEN_SECONDS: Final = 2.0
+"""In which an executive that is there is heard: before that nobody can say that there is none."""
+
 TRACE_STEP: Final = 0.05
 """Metres from one point of the driven path that is kept to the next."""
 
@@ -105,6 +108,7 @@ class Mirror:
         self._freshness = Freshness(lost_after)
         self._commands = CommandTracker()
         self._guard = StopGuard()
+        self._listens_until = clock.now() + LISTEN_SECONDS
         self._snapshot: Snapshot | None = None
         self._sent: float | None = None
         self._newest: OrderedDict[str, int] = OrderedDict()
@@ -376,6 +380,7 @@ class Mirror:
                 subjects=self._current_subjects(snapshot),
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
+                listening=snapshot is None and not self._problem and now < self._listens_until,
                 guard=self._guard,
             )
 
@@ -395,7 +400,10 @@ class Mirror:
     def next_link_change(self) -> float | None:
         """Time on the mirror's clock at which the link state changes if nothing arrives, or None."""
         with self._lock:
-            return self._on_clock(self._freshness.next_change(self._now()))
+            now = self._now()
+            if self._snapshot is None and now < self._listens_until:
+                return self._on_clock(self._listens_until)
+            return self._on_clock(self._freshness.next_change(now))
 
     def _now(self) -> float:
         """The time by which everything here is dated, s; it goes on while the computer sleeps."""

@@ -38,6 +38,7 @@ class View:
     asked for them.
     ``subjects`` is what decisions are about, by their identifiers, as it has arrived: see :meth:`subject`.
     ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard says.
+    ``listening``: no executive was heard yet, and there was no time for it.
     """
 
     link: LinkState
@@ -54,6 +55,7 @@ class View:
     subjects: Mapping[str, Subject] = field(default_factory=dict)
     surroundings: Surroundings = field(default_factory=Surroundings)
     unwanted_motion: UnwantedMotion | None = None
+    listening: bool = False
     guard: StopGuard = field(default_factory=StopGuard)
 
     @property

@@ -60,7 +60,9 @@ class Follower:
         self._told: set[tuple[str, int]] = set()
 
     def events(self, view: View) -> list[Event]:
-        """What is new. Heartbeats are no events."""
+        """What is new. Heartbeats are no events, and there are none before an executive had the time to be heard."""
+        if view.listening:
+            return []
         events: list[Event] = []
         before, self._before = self._before, view
         if before is None or (before.link, before.problem) != (view.link, view.problem):

@@ -83,6 +83,8 @@ _COMMAND_TONES: Final = {
 
 def link_word(view: View) -> str:
     """State of the link and age of the picture in short: LIVE 0.4 s. No view leaves it out."""
+    if view.listening:
+        return Line('LISTENING', Tone.WARNING)
     text = 'NO EXECUTIVE' if view.age is None else f'{view.link.name} {age_text(view.age)}'
     return Line(text, _LINK_TONES[view.link])
 
@@ -91,7 +93,7 @@ def link_line(view: View) -> str:
     """State of the link and age of the picture, and what that means for the rest."""
     word = link_word(view)
     if view.age is None:
-        return Line(f'{word} was heard', Tone.ERROR)
+        return Line(f'{word} for an executive' if view.listening else f'{word} was heard', tone_of(word))
     return Line(f'{word} ago' + ('' if view.live else ': what follows may not be so any more'), _LINK_TONES[view.link])
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from flexbt_console.mirror import (
+    LISTEN_SECONDS,
     ActiveState,
     Decision,
     DecisionKind,
@@ -64,6 +65,23 @@ class Scene:
 
     def toolbar(self, width: int = 80, height: int = 12) -> list[str]:
         return [line for _, line in toolbar(self.mirror.view(), width, height)]
+
+
+def test_that_there_is_no_executive_is_told_only_when_one_would_have_been_heard() -> None:
+    scene = Scene()
+    assert (scene.told(), scene.toolbar()) == ([], ['LISTENING'])
+    assert status_lines(scene.mirror.view()) == ['link      LISTENING for an executive']
+    scene.clock.advance(1.0)
+    assert scene.show(RUNNING)[0] == 'link: LIVE 0.0 s'
+    nobody = Scene()
+    assert nobody.told() == []
+    assert nobody.mirror.next_link_change() == LISTEN_SECONDS  # whoever waits is woken then
+    nobody.clock.advance(LISTEN_SECONDS)
+    assert (nobody.told(), nobody.toolbar()) == (['link: NO EXECUTIVE'], ['NO EXECUTIVE'])
+    assert nobody.told() == []
+    wrong = Scene()
+    wrong.mirror.set_problem('another version')
+    assert wrong.told() == ['link: NO EXECUTIVE', 'another version']
 
 
 def test_a_link_that_is_late_again_and_again_is_no_event_and_one_that_is_lost_is() -> None:

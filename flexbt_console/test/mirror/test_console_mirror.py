@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_console.mirror import (
+    LISTEN_SECONDS,
     LOST_PERIODS,
     ActiveState,
     Behavior,
@@ -267,7 +268,7 @@ def test_the_end_of_the_sender_is_seen_at_once() -> None:
 def test_next_link_change_is_when_the_state_changes() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)
-    assert mirror.next_link_change() is None
+    assert mirror.next_link_change() == LISTEN_SECONDS  # from then on there is none
     mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
     seen = []
     while (change := mirror.next_link_change()) is not None:

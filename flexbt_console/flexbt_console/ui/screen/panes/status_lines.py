@@ -37,6 +37,8 @@ def status_text(view: View, columns: int, robot: str, others: str, operator: str
     snapshot = view.snapshot
     who = f'{one_line(robot)}  ' if robot else ''
     needs = f'  {others}' if others else ''
+    if view.listening:
+        return styled([Line(cut(f' {who}LISTENING for an executive{needs}', columns), Tone.WARNING)])
     if snapshot is None:
         text = f' {who}NO EXECUTIVE: is it running, in this namespace and domain?{needs}'
         return styled([Line(cut(text, columns), Tone.ERROR)])

@@ -135,7 +135,7 @@ function drawHead() {
   const {status, times} = known;
   const live = isLive();
   const age = times.age == null ? null : times.age + (performance.now() - heard) / 1000;
-  byId('link').textContent = server.open ? (known.link?.word ?? 'no executive').replace(/ [\d.]+ \w+$/, '') : server.word;
+  byId('link').textContent = server.open ? (known.link?.word ?? 'LISTENING').replace(/ [\d.]+ \w+$/, '') : server.word;
   byId('link').className = live ? 'good' : 'error';
   byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
   byId('runs').textContent = status?.runs ?? '';
