@@ -29,11 +29,13 @@ from flexbt_console.mirror import (
     TreeNode,
 )
 from flexbt_console.ui.web import MOST_PAGES, Access, picture
+from flexbt_console.ui.web import run as web_run
+from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, WrongTokens, source_of
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, Allowance
 from flexbt_console.ui.web.run import MOST_CONNECTIONS
-from flexbt_console.ui.web.server import MOST_GREETING
+from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_GREETING
 from flexbt_testing.waiting import DEADLINE
 
 
@@ -499,6 +501,83 @@ def test_who_says_nothing_keeps_nobody_out() -> None:
 
     with served({'robot': WebRobot().station()}, Access.of('127.0.0.1', 's3cret')) as port:
         asyncio.run(run(port))
+
+
+def test_who_guesses_the_token_waits_and_others_do_not() -> None:
+    now = [0.0]
+    wrong = WrongTokens(lambda: now[0])
+    guesser, neighbour, other = (source_of(one) for one in ('2001:db8::1', '2001:db8::2', '192.0.2.7'))
+    assert guesser == neighbour  # who has one of these addresses has all of them
+    for _ in range(GUESSES):
+        assert wrong.wait(guesser) == 0.0
+        wrong.note(guesser)
+    assert wrong.wait(neighbour) == GUESS_SECONDS and wrong.wait(other) == 0.0
+    now[0] += GUESS_SECONDS
+    assert wrong.wait(guesser) == 0.0
+    now[0] += 100 * GUESS_SECONDS
+    wrong.note(guesser)
+    assert wrong.wait(guesser) == 0.0
+
+
+def test_a_guess_is_looked_at_later_and_the_right_token_from_elsewhere_at_once() -> None:
+    async def run(port: int) -> None:
+        for _ in range(GUESSES):
+            async with page(port, 'guess') as opened:
+                assert await opened.closed() == WSCloseCode.POLICY_VIOLATION
+        async with page(port, 'guess') as held:
+            connector = TCPConnector(local_addr=('127.0.0.2', 0))
+            async with (
+                ClientSession(connector=connector) as session,
+                session.ws_connect(f'http://127.0.0.1:{port}/link', max_msg_size=0) as socket,
+            ):
+                await socket.send_json({'hello': 's3cret'})
+                known = Page(socket)
+                await known.until(lambda: 'link' in known.parts)
+            assert not held.socket.closed
+            assert await held.closed() == WSCloseCode.POLICY_VIOLATION
+
+    with served({'robot': WebRobot().station()}, Access.of('127.0.0.1', 's3cret')) as port:
+        asyncio.run(run(port))
+
+
+def test_of_silent_pages_those_of_the_source_with_the_most_give_way() -> None:
+    async def run(port: int) -> None:
+        address = f'http://127.0.0.1:{port}/link'
+        async with contextlib.AsyncExitStack() as stack:
+            here, there = [
+                await stack.enter_async_context(ClientSession(connector=TCPConnector(limit=0, local_addr=(source, 0))))
+                for source in ('127.0.0.1', '127.0.0.2')
+            ]
+            quiet = await there.ws_connect(address)  # a page whose link is slow
+            silent = [await here.ws_connect(address) for _ in range(2 * MOST_GREETING)]
+            for one in silent[: 2 * MOST_GREETING - GREETING_OF_SOURCE]:
+                assert await Page(one).closed() == 1006
+            await quiet.send_json({'hello': 's3cret'})
+            known = Page(quiet)
+            await known.until(lambda: 'link' in known.parts)
+
+    with served({'robot': WebRobot().station()}, Access.of('127.0.0.1', 's3cret')) as port:
+        asyncio.run(run(port))
+
+
+def test_malformed_requests_are_told_in_one_line_and_silent_connections_end(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(web_run, 'REQUEST_SECONDS', 0.1)
+
+    async def run(port: int) -> None:
+        for begun in (b'GET /\xff HTTP/9.9\r\n\r\n', b'GET / HTTP/1.1\r\nbad header\r\n\r\n', b'\x16\x03\x01', b'G'):
+            reader, writer = await asyncio.open_connection('127.0.0.1', port)
+            writer.write(begun)
+            async with asyncio.timeout(DEADLINE):
+                with contextlib.suppress(ConnectionError):
+                    await reader.read()
+            writer.close()
+
+    with served({'robot': WebRobot().station()}) as port:
+        asyncio.run(run(port))
+    (told,) = caplog.records
+    assert told.getMessage().startswith('a malformed request was refused: ') and told.exc_info is None
 
 
 @pytest.mark.parametrize('begun', [b'', b'GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: '])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who may use the page: checks of the headers Host and Origin, and the token."""
+"""Who may use the page: checks of the headers Host and Origin, and the token; and how often one may be wrong."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import hmac
 import ipaddress
 import secrets
 import socket
-from collections.abc import Iterable
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 from urllib.parse import urlsplit
@@ -25,6 +27,47 @@ CLOSED_HEADERS: Final = {
     'Cross-Origin-Resource-Policy': 'same-origin',
 }
 """Of each answer: pages of other sites get nothing of it, and are told nothing of this one."""
+
+
+GUESSES: Final = 5
+"""Wrong tokens from one address that are answered at once."""
+
+GUESS_SECONDS: Final = 2.0
+"""After those, one more is looked at each time that this has passed."""
+
+_ADDRESSES: Final = 4096
+
+
+def source_of(address: str | None) -> str:
+    """Return what stands for whoever has this address: for IPv6 its first 64 bits, all of which one may have."""
+    try:
+        known = ipaddress.ip_address((address or '').partition('%')[0])
+    except ValueError:
+        return address or ''
+    if isinstance(known, ipaddress.IPv4Address):
+        return str(known)
+    return str(known.ipv4_mapped or ipaddress.ip_network((known, 64), strict=False))
+
+
+class WrongTokens:
+    """How long a token has to wait until it is looked at, by the wrong ones that have come from the same source.
+
+    A right one costs nothing, so who has it is held up only where somebody else guesses from the same source.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._paid_at: OrderedDict[str, float] = OrderedDict()
+
+    def wait(self, source: str) -> float:
+        """Return the seconds until a token from there is looked at."""
+        return max(0.0, self._paid_at.get(source, 0.0) - (GUESSES - 1) * GUESS_SECONDS - self._now())
+
+    def note(self, source: str) -> None:
+        """A token from there was wrong."""
+        self._paid_at[source] = max(self._paid_at.pop(source, 0.0), self._now()) + GUESS_SECONDS
+        if len(self._paid_at) > _ADDRESSES:
+            self._paid_at.popitem(last=False)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import logging
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from flexbt_console.ui.interaction import Restarts, SentCommands
 from flexbt_core.clock import SteadyClock
 from flexbt_core.values import lines, one_line
 
+from .access import Access, WrongTokens
 from .drawings import NO_DRAWING, Drawings
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
 from .requests import Allowance, Later, Told, answered, read
@@ -41,17 +42,15 @@ _LOGGER: Final = logging.getLogger(__name__)
 
 
 class PageLink:
-    """A page at its WebSocket. ``knows_token`` judges what the page says first."""
+    """A page at its WebSocket, whose ``source`` is what stands for its address."""
 
     _pictures: Pictures
     _station: PageStation
 
-    def __init__(
-        self, socket: web.WebSocketResponse, drawings: Drawings, knows_token: Callable[[object], bool]
-    ) -> None:
+    def __init__(self, socket: web.WebSocketResponse, drawings: Drawings, source: str) -> None:
+        self.source = source
         self._socket = socket
         self._drawings = drawings
-        self._knows_token = knows_token
         self._changed = asyncio.Event()
         self._shown: Mapping[str, str] = {}
         self._log: frozenset[tuple[str, int]] = frozenset()
@@ -84,12 +83,15 @@ class PageLink:
                 task.cancel()
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
 
-    async def is_welcome(self) -> bool:
+    async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
         """Whether the first message has the token. Nothing is told before."""
         with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
             hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
-            if 'hello' in hello and self._knows_token(hello['hello']):
+            while wait := wrong.wait(self.source):
+                await asyncio.sleep(wait)
+            if 'hello' in hello and access.knows_token(hello['hello']):
                 return True
+            wrong.note(self.source)
         await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
         return False
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
@@ -16,7 +17,7 @@ from flexbt_console.commands import CommandedRobot
 from flexbt_console.mirror import Mirror
 from flexbt_core.values import hint, shown
 
-from .access import CLOSED_HEADERS, Access, guard
+from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 from .drawings import Drawings
 from .page_link import PageLink
 from .picture import Pictures
@@ -27,7 +28,11 @@ MOST_PAGES: Final = 32
 """Pages that are open at the same time."""
 
 MOST_GREETING: Final = 32
-"""Connections at the same time that have not said yet what a page says first; the oldest gives way to one more."""
+"""Connections at the same time that have not said yet what a page says first; the oldest of the source that has the
+most gives way to one more."""
+
+GREETING_OF_SOURCE: Final = 8
+"""Of these, from one source."""
 
 PING_SECONDS: Final = 10.0
 
@@ -43,6 +48,7 @@ class WebServer:
         self._robots = robots
         self._station = station
         self._access = access
+        self._wrong = WrongTokens()
         self._pages: dict[PageLink, str] = {}
         self._pictures: dict[str, Pictures] = {}
         self._encoder = ThreadPoolExecutor(1, 'encoder')
@@ -111,7 +117,7 @@ class WebServer:
     async def _open(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
-        page = PageLink(socket, self._drawings, self._access.knows_token)
+        page = PageLink(socket, self._drawings, source_of(request.remote))
         await socket.prepare(request)
         if not await self._greet(page, request):
             return socket
@@ -155,11 +161,15 @@ class WebServer:
         """Whether the page is welcome. Who says nothing keeps nobody out."""
         if request.transport is None:
             return False
+        of_source = Counter(one.source for one in self._greeting)
+        most = page.source
         if len(self._greeting) >= MOST_GREETING:
-            oldest = next(iter(self._greeting))
+            most = max(of_source, key=of_source.__getitem__)
+        if len(self._greeting) >= MOST_GREETING or of_source[most] >= GREETING_OF_SOURCE:
+            oldest = next(one for one in self._greeting if one.source == most)
             self._greeting.pop(oldest).abort()
         self._greeting[page] = request.transport
         try:
-            return await page.is_welcome()
+            return await page.is_welcome(self._access, self._wrong)
         finally:
             self._greeting.pop(page, None)
