@@ -28,8 +28,8 @@ LIST: Final = 1_000
 LONG_TEXT: Final = 50_000
 """Characters of a text for people that an executive sends, such as a trace or why a machine is wrong; the middle of a
 longer one is left out, and what is told of that may make it a little longer."""
-MESSAGE: Final = 16_000_000
-"""Characters, bytes and elements of one message together."""
+MESSAGE: Final = 17_000_000
+"""Characters, bytes and elements of one message together: of the largest map, and what is told of it."""
 
 LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BlackboardEntry.text': 1_000_000,
@@ -105,7 +105,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'simulation_interfaces/SpawnEntity_Request.resource_string': 100_000,
     'simulation_interfaces/SpawnEntity_Request.uri': 4_096,
     'nav2_msgs/LoadMap_Request.map_url': 4_096,
-    'nav_msgs/OccupancyGrid.data': 10_000_000,  # as many cells as maps from files may have
+    'nav_msgs/OccupancyGrid.data': 16_000_000,  # as many cells as maps from files may have
 }
 """The bounds that differ, by type and field; of a list of texts, ``field[]`` is that of each text."""
 

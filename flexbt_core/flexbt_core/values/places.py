@@ -34,7 +34,7 @@ def load_places(file: Path) -> dict[str, Place]:
     from .nested_yaml import load_yaml  # takes a while
 
     try:
-        content = load_yaml(read_text(file))
+        content = load_yaml(read_text(file), aliases=True)
     except (OSError, ValueError) as error:
         raise ValueError(f'places file {file}: {error}') from error
     if content is None:

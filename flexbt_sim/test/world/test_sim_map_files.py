@@ -8,12 +8,16 @@ from pathlib import Path
 
 import numpy
 import pytest
+from builtin_interfaces.msg import Time
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from map_files import grey, write
 from numpy.typing import NDArray
 from PIL import Image
 
+from flexbt_common.values import check_limits
+from flexbt_sim.errors import MapError
+from flexbt_sim.ros_messages import grid_message, map_of
 from flexbt_sim.world import FREE, OCCUPIED, UNKNOWN, Pose, load_map
 
 STOCK = Path(__file__).parents[4] / 'shared' / 'data' / 'nav2' / 'maps' / 'tb3_sandbox.yaml'
@@ -32,6 +36,23 @@ def test_a_turned_origin_turns_the_map_about_its_lower_left_corner(tmp_path: Pat
     assert world.point(1, 3) == pytest.approx((0.25, 3.75))
     assert [world.cell(0.75, 2.25), world.cell(0.25, 3.75)] == [(0, 0), (1, 3)]
     assert world.cells[world.cell(0.75, 3.75)] == OCCUPIED
+
+
+def test_a_map_of_4000_x_4000_cells_is_read_and_a_message_can_have_it(tmp_path: Path) -> None:
+    image = numpy.full((4000, 4000), 254, numpy.uint8)
+    image[0] = image[:, 0] = 0
+    world = load_map(write(tmp_path, Image.fromarray(image)))
+    assert world.cells.shape == (4000, 4000)
+    assert (world.cells[-1, 1], world.cells[0, 1]) == (OCCUPIED, FREE)
+    message = grid_message(world, 'map', Time())
+    check_limits(message)
+    assert numpy.array_equal(map_of(message).cells, world.cells)
+
+
+def test_a_larger_map_is_refused_with_the_bound_and_what_to_do(tmp_path: Path) -> None:
+    file = write(tmp_path, b'P5\n4000 4001\n255\n')
+    with pytest.raises(MapError, match='4000 x 4001 pixels; a map has 1 to 16000000: a coarser resolution needs fewer'):
+        load_map(file)
 
 
 def by_map_server(shade: int, mode: str, negate: bool, occupied: float, free: float) -> int:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -139,6 +140,58 @@ def test_what_is_wrong_is_told_with_place_and_remedy(tmp_path: Path, old: str, n
     found = problems(tmp_path, text)
     line, column = next(one for one in found if message in one).split(':', 2)[:2]
     assert text.splitlines()[int(line) - 1][int(column) - 1 :].startswith(at), found
+
+
+ALIASES = """\
+plan:
+  rooms:
+    - {from: [0, 0], to: &corner [6, 4]}
+    - {from: [0, 4], to: [6, 8]}
+robots:
+  alpha: &robot {model: burger, pose: [1, 1, 0], lidar: &lidar {beams: 180}}
+  beta:
+    <<: *robot
+    pose: [1, 2, 0]
+  gamma: {model: waffle, pose: [1, 3, 0], lidar: *lidar}
+obstacles:
+  box: &box {pose: [3, 3, 0.3], shape: [0.5, 0.4]}
+  other: {<<: [*box, {kind: cart}], pose: [3, 1, 0]}
+"""
+
+
+def test_parts_that_repeat_are_aliases_and_merged(tmp_path: Path) -> None:
+    text = ALIASES.replace(', {kind: cart}]', ']')
+    world = load(tmp_path, text)
+    same = load(tmp_path, json.dumps(yaml.safe_load(text)))  # JSON is YAML, and has no aliases
+    for name in ('alpha', 'beta', 'gamma'):
+        assert world.robots[name].pose == same.robots[name].pose
+        assert world.robots[name].model == same.robots[name].model
+    assert world.robots['beta'].pose == Pose(1.0, 2.0, 0.0)
+
+
+def test_what_is_wrong_in_a_part_that_is_merged_has_its_place(tmp_path: Path) -> None:
+    (found,) = problems(tmp_path, ALIASES)
+    line, column, text = found.split(':', 2)
+    assert ALIASES.splitlines()[int(line) - 1][int(column) - 1 :].startswith('kind: cart')
+    assert 'obstacles.other.kind: there is no such key' in text
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('seed: &a [*a]', 'is in what it stands for'),
+        ('seed: *nothing', 'undefined alias'),
+        ('places: {<<: 3}', 'expected a mapping'),
+        (
+            'places: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\nrobots: &b [*a, *a, *a, *a, *a, *a, *a, *a, *a, *a]\n'
+            'doors: &c [*b, *b, *b, *b, *b, *b, *b, *b, *b, *b]\nzones: &d [*c, *c, *c, *c, *c, *c, *c, *c, *c, *c]\n'
+            'faults: [*d, *d, *d, *d, *d, *d, *d, *d, *d, *d]\n',
+            'makes it more than 100000 values',
+        ),
+    ],
+)
+def test_aliases_that_cannot_be_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    assert any(words in one for one in problems(tmp_path, text))
 
 
 def keys(node: yaml.Node | None, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], yaml.ScalarNode]]:

@@ -90,7 +90,7 @@ class WorldFile:
             raise WorldError([f'{file}: cannot be read: {error}; give a world file']) from error
 
     def _parsed(self, text: str) -> Any:
-        node = compose_yaml(text)
+        node = compose_yaml(text, aliases=True)
         if node is None:
             return {}
         _mark(node, (), self._marks, self._problems)
@@ -109,12 +109,19 @@ class WorldFile:
             raise WorldError([_line(self._file, one, self._marks) for one in self._problems])
 
 
+_MERGE: Final = 'tag:yaml.org,2002:merge'
+
+
 def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[Problem]) -> None:
     """Note where each value is: the line and column of its key, or of itself in a list."""
     marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
     if isinstance(node, yaml.MappingNode):
         seen = set[str]()
         for key_node, value in node.value:
+            if key_node.tag == _MERGE:  # <<: *others, which yield to what is said here
+                for merged in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                    _mark(merged, path, marks, problems)
+                continue
             word: Any = construct_yaml(key_node) if isinstance(key_node, yaml.ScalarNode) else '?'
             marks[*path, word] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             if str(word) in seen:

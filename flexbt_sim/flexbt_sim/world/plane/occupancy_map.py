@@ -30,8 +30,9 @@ UNKNOWN: Final = -1
 MODES: Final = ('trinary', 'scale', 'raw')
 
 MAX_YAML_BYTES: Final = 20_000
-MAX_CELLS: Final = 10_000_000
-"""Largest map, cells: to know all distances on it takes some 0.6 GB of memory, for a second."""
+MAX_CELLS: Final = 16_000_000
+"""Largest map, cells, which is 4,000 in a row and as many rows: to know all distances on it takes some 1 GB of memory,
+for seconds, and 0.4 GB from then on."""
 
 MIN_RESOLUTION: Final = 0.001
 MAX_RESOLUTION: Final = 100.0
@@ -233,7 +234,7 @@ def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occup
 
 def _read_yaml(file: Path) -> Mapping[str, Any]:
     try:
-        fields = load_yaml(read_text(file, MAX_YAML_BYTES))
+        fields = load_yaml(read_text(file, MAX_YAML_BYTES), aliases=True)
         if not isinstance(fields, dict):
             raise ValueError('image, resolution, origin and thresholds are missing')
     except (OSError, ValueError) as error:
@@ -247,7 +248,8 @@ def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[
         _require_file(image)
         with Image.open(image, formats=('PPM', 'PNG', 'BMP')) as picture:
             if not 0 < picture.width * picture.height <= MAX_CELLS:
-                raise ValueError(f'{picture.width} x {picture.height} pixels; a map has 1 to {MAX_CELLS}')
+                size = f'{picture.width} x {picture.height} pixels'
+                raise ValueError(f'{size}; a map has 1 to {MAX_CELLS}: a coarser resolution needs fewer')
             if picture.mode.startswith('I'):  # 16 bits, which convert() would cut off instead of scaling
                 grey = numpy.rint(numpy.asarray(picture) / 257.0).astype(numpy.uint8)
                 return grey, numpy.zeros(grey.shape, bool)
