@@ -34,6 +34,8 @@ _RAISED: Final = ('activity() raised; see the log',)
 _PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
 """Instead of what a state says that goes on while it is paused. It is not asked again in that pause."""
 
+_NOT_ENTERED: Final = ('is entered when the run is resumed',)
+
 Event = tuple[str, Mapping[str, Any]]
 """An event of the event log, and its fields."""
 
@@ -169,8 +171,13 @@ class SnapshotSource:
                 shown = ActiveLeaf(leaf.path, self._stamp(leaf.entered_at))
                 events.append(('entered', {'path': leaf.path}))
             lines = tuple(_line(one, leaf.path) for one in held_back if is_inside(leaf.path, one.path))
-            active.append(replace(shown, is_paused=leaf.is_paused, held_back=lines))
+            # One that was done before a crash is not entered again: it does nothing. One that was left may still halt.
+            does_nothing = machine.is_paused and not leaf.is_entered and leaf.halting() is None
+            active.append(replace(shown, is_paused=leaf.is_paused or does_nothing, held_back=lines))
         self._entered_at = {leaf.path: leaf.entered_at for leaf in leaves}
+        for path in machine.coming() if machine.is_paused else ():
+            shown = known.get(path) or ActiveLeaf(path, self._stamp(self._clock.now()))
+            active.append(replace(shown, is_paused=True, held_back=_NOT_ENTERED))
         decisions, decision_events = self._decisions({decision.id: decision for decision in before.decisions})
         fields = {
             'levels': machine.autonomy_levels,

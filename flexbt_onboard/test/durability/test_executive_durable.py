@@ -6,6 +6,7 @@ FLEXBT_KILLS sets how often the executive is killed, FLEXBT_SEED when.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
 import resource
@@ -19,9 +20,11 @@ from pathlib import Path
 import pytest
 
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
 from flexbt_onboard.node import ExecutiveParameters
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.system.fork_server import ForkedProcess
 from flexbt_testing.system.python_process import logged_python_process
@@ -172,6 +175,8 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     assert marks() == expected
     bench.applied(C.RESUME_RUN)
     bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'paused as before')
+    (shown,) = bench.status.active_states
+    assert (shown.path, shown.paused) == ('/Inner/Ask', True)
     assert marks() == expected
     bench.applied(C.RESUME)
     bench.send(C.START, id='start', behavior='Test')
@@ -179,6 +184,44 @@ def test_what_was_set_for_a_run_holds_again_and_a_stop_is_not_forgotten(bench: D
     bench.applied(C.STOP, id='stop')
     bench.kill()
     assert bench.launch() == ExecutiveStatus.IDLE
+
+
+class Hold(EventState):
+    """Stays until it is forced."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['on'], desired_rate=None)
+
+
+def holding() -> OperatableStateMachine:
+    """One state in a machine of its own."""
+    inner, outer = OperatableStateMachine(outcomes=['on']), OperatableStateMachine(outcomes=['end'])
+    with inner:
+        OperatableStateMachine.add('Hold', Hold(), {'on': 'on'})
+    with outer:
+        OperatableStateMachine.add('Inner', inner, {'on': 'end'})
+    return outer
+
+
+def test_a_run_that_was_paused_shows_where_it_is_when_it_is_resumed_after_a_crash(tmp_path: Path) -> None:
+    parameters = ExecutiveParameters(peers=(), journal_directory=str(tmp_path))
+    with contextlib.closing(ExecutiveBench(behavior_of(holding), parameters=parameters)) as before:
+        before.start(autonomy=3)
+        before.wait_active('/Inner/Hold')
+        before.applied(C.PAUSE)
+        before.wait_for(lambda status: status.active_states[0].paused, 'paused')
+        journal = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    for file, content in journal.items():  # as a crash leaves it
+        file.write_bytes(content)
+    with contextlib.closing(ExecutiveBench(behavior_of(holding), parameters=parameters)) as after:
+        after.applied(C.RESUME_RUN)
+        after.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'paused as before')
+        (state,) = after.status.active_states
+        told = ['is entered when the run is resumed']
+        assert (state.path, state.paused, list(state.activity)) == ('/Inner/Hold', True, told)
+        after.applied(C.RESUME)
+        after.wait_for(lambda status: not status.active_states[0].paused, 'entered')
+        assert [(one.path, list(one.activity)) for one in after.status.active_states] == [('/Inner/Hold', [])]
 
 
 def test_a_full_disk_ends_no_run_and_is_told_and_what_happened_is_written_when_it_can_be(bench: DurableBench) -> None:

@@ -210,6 +210,10 @@ class MachineRun:
         """The states that are active."""
         return [node for node in self.root.active() if isinstance(node, LeafRun)]
 
+    def coming(self) -> list[str]:
+        """Paths of what is entered as soon as nothing, such as a pause, keeps it from that."""
+        return [region.coming.path for region in self.regions() if region.coming is not None]
+
     def approved(self) -> dict[str, str]:
         """What the operator has allowed and has not happened yet: outcomes, by the paths of what is left by them."""
         children = [region.child for region in self.regions() if region.is_approved]

@@ -129,6 +129,7 @@ def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     state = Scripted()
     after = Bench(line(state), at=through_json(position_of(before.run)))
     assert (state.trace, after.run.is_paused) == (['on_start'], True)
+    assert (after.run.active_states(), after.run.coming()) == ([], ['/S0'])
     assert position_of(after.run) == position_of(before.run)
     after.resume()
     assert state.trace == ['on_start', 'on_enter resumed', 'execute']
