@@ -347,6 +347,33 @@ def test_a_decision_names_the_server_that_has_died_and_what_to_do() -> None:
         bench.close()
 
 
+def test_a_node_of_the_default_is_expected_once_it_was_seen(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters())
+    assert [(peer.alive, peer.expected) for peer in bench.status.peers] == [(False, False)] * len(bench.status.peers)
+    with NodeRuntime.open('simulator') as runtime:
+        LivelinessToken(runtime)
+        bench.wait_for(lambda status: any(peer.expected for peer in status.peers), 'seen')
+    bench.wait_for(lambda status: any(peer.expected and not peer.alive for peer in status.peers), 'missed')
+    assert [peer.name for peer in bench.status.peers if peer.expected] == ['/simulator']
+
+
+def test_a_node_that_was_named_is_expected_at_once(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=('never_there',)))
+    assert [(peer.alive, peer.expected) for peer in bench.status.peers] == [(False, True)]
+
+
+def test_why_the_pose_is_not_known_is_told(make_bench: Make) -> None:
+    bench = make_bench(parameters=ExecutiveParameters(peers=(), pose_topic='robot/pose'))
+    assert bench.status.pose_problem == 'nobody publishes /robot/pose'
+    with NodeRuntime.open('localization') as runtime:
+        publisher = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, 'robot/pose', 1))
+        bench.wait_for(lambda status: status.pose_problem == 'nothing came on /robot/pose yet', 'a publisher')
+        wait_until(publisher.get_subscription_count, 'subscribed')
+        publisher.publish(PoseStamped())
+        bench.wait_for(lambda status: status.pose_problem == '', 'known')
+    bench.wait_for(lambda status: status.pose_problem == 'nobody publishes /robot/pose any more', 'old')
+
+
 def test_every_field_of_the_status_is_told() -> None:
     def nested() -> OperatableStateMachine:
         machine = OperatableStateMachine(outcomes=['on'])
