@@ -39,6 +39,12 @@ class CommandBuilder:
         self.operator = operator
         self._why = why
 
+    def require_operator(self) -> str:
+        """Return the name of the operator. Raises RefusedError when whoever sits here is an observer."""
+        if self.operator is None:
+            raise RefusedError(self._why)
+        return self.operator
+
     def command(self, view: View, kind: CommandKind) -> Command:
         """A new command for the run that is shown, with nothing filled in that only some kinds have.
 
@@ -47,13 +53,11 @@ class CommandBuilder:
         Raises:
             RefusedError: an observer gives no commands.
         """
-        if self.operator is None:
-            raise RefusedError(self._why)
         snapshot = view.snapshot
         return Command(
             id=os.urandom(16).hex(),
             kind=kind,
-            operator=self.operator,
+            operator=self.require_operator(),
             executive_id=snapshot.executive_id if snapshot and kind is not CommandKind.STOP else '',
             run_id=snapshot.run_id if snapshot else '',
         )

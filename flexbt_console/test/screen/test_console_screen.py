@@ -62,7 +62,8 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.ui.interaction import KEYS, Attention, Station
+from flexbt_console.present import Tone, tone_of
+from flexbt_console.ui.interaction import KEYS, Attention, Key, Station
 from flexbt_console.ui.screen import OperatorScreen, run_screen
 from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage
 from flexbt_console.ui.screen.overview import Overview
@@ -117,6 +118,8 @@ class NotingLink(NobodyAsked):
 class Robot:
     """An executive as the mirror sees it."""
 
+    operator: str | None = 'ann'
+
     def __init__(self) -> None:
         self.clock = ManualClock()
         self.mirror = Mirror(self.clock, {'kitchen': Pose(3.0, 1.0)})
@@ -148,7 +151,7 @@ class Robot:
 
     def station(self) -> Station:
         """The robot as its operator has it."""
-        return Station(self.mirror, self.link, CommandBuilder('ann'), 5.0, Attention(self.clock), 'stays')
+        return Station(self.mirror, self.link, CommandBuilder(self.operator), 5.0, Attention(self.clock), 'stays')
 
     def run_tree(self, *parents: int) -> None:
         """Another tree runs, each of whose nodes does, too; these are their parents."""
@@ -1449,7 +1452,7 @@ def test_panes_are_enlarged_and_hidden_and_so_they_are_the_next_time(tmp_path: P
             return text_of(app)
 
         assert 'x 2.00' in await shown()
-        assert 'map: PgUp PgDn z h' in await shown('tab', 'tab')
+        assert 'map: z h' in await shown('tab', 'tab')
         assert 'x 2.00' not in (hidden := await shown('h')) and 'FollowPath' in hidden and 'map:' not in hidden
         assert 'log: PgUp PgDn z h' in await shown('tab', 'tab')
         assert 'FollowPath  4 s' not in (alone := await shown('z')).partition('nothing waits')[0], alone
@@ -1606,6 +1609,79 @@ def test_the_footer_has_in_bold_what_can_be_done_now() -> None:
     assert {'! F8', 'c', ':'} <= bold('ann')
     robot.clock.advance(60.0)
     assert not {'p', 'f', '+ -'} & bold('bob') and '! F8' in bold('bob')
+
+
+FOOTERS: list[tuple[tuple[Decision, ...], dict[str, Any], tuple[str, ...], str | None]] = [
+    ((), {}, (), 'ann'),
+    ((PLAN,), {}, (), 'ann'),
+    ((CHOICE,), {}, (), 'ann'),
+    ((CHOICE,), {}, ('2',), 'ann'),
+    ((WHERE,), {}, (), 'ann'),
+    ((WHERE,), {}, ('g',), 'ann'),
+    ((dataclasses.replace(WHERE, input_type='string'),), {}, (), 'ann'),
+    ((PLAN,), {}, (), None),
+    ((), {'state': ExecutiveState.IDLE, 'active_states': (), 'run_id': ''}, (), 'ann'),
+]
+
+
+@pytest.mark.parametrize(('decisions', 'parts', 'before', 'operator'), FOOTERS)
+def test_each_key_of_the_footer_does_something_when_it_is_bold_and_says_why_not_otherwise(
+    decisions: tuple[Decision, ...], parts: dict[str, Any], before: tuple[str, ...], operator: str | None
+) -> None:
+    def run(steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]]) -> None:
+        robots = FakeRobots(2)
+        robot = robots.robots['/robot00']
+        robot.operator = operator
+        robot.show(*decisions, **parts)
+
+        async def begun(app: OperatorScreen, pilot: Pilot[None]) -> None:
+            await pilot.press(*before)
+            app.draw()
+            await pilot.pause()
+            await steps(app, pilot)
+
+        on_screen(robot, begun, (200, 30), robots)
+
+    footer: dict[str, bool] = {}
+
+    async def read(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        text = app.query_one('#keys', Pane)._text
+        for span in text.spans:
+            if (shown := text.plain[span.start : span.end].strip()) in [key.shown for key in KEYS]:
+                footer[shown] = span.style == 'bold'
+        bar = app.query_one('#decision', Pane)._text.plain
+        assert not footer.get('Enter') or 'Enter' in bar or '":" types' in bar  # the bar says what Enter does
+
+    run(read)
+    assert {'! F8', ':', '?', 'q'} <= footer.keys()
+    refused: dict[str, bool] = {}
+    for shown in footer:
+        (key,) = (key for key in KEYS if key.shown == shown)
+
+        async def press(app: OperatorScreen, pilot: Pilot[None], key: Key = key) -> None:
+            told = len(app._panes.log.told)
+            await pilot.press('1' if key.action == 'pick' else key.keys[0])
+            await pilot.pause()
+            warned = [line for line in app._panes.log.told[told:] if tone_of(line) is Tone.WARNING]
+            refused[key.shown] = bool(warned) and 'q again' not in warned[0]
+
+        run(press)
+    assert footer == {shown: not is_refused for shown, is_refused in refused.items()}
+
+
+def test_the_help_of_the_keys_tells_the_signs_of_the_decision() -> None:
+    robot = Robot()
+    robot.show(PLAN)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        assert 'Enter sends what is in brackets; a number picks another answer; * is what the state wants' in text_of(
+            app
+        )
+        await pilot.press('?')
+        await pilot.pause()
+        assert '*                 the outcome that the state wants' in text_of(app)
+
+    on_screen(robot, steps, (100, 60))
 
 
 HOSTILE = (

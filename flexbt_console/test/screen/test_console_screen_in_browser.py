@@ -52,7 +52,7 @@ def test_each_tab_has_a_screen_that_ends_with_it_and_with_the_server(
             tab = await session.ws_connect(f'http://{address}/ws?width=80&height=24')
             shown = b''
             async with asyncio.timeout(DEADLINE):
-                while b'STOP' not in shown:  # the last line, of the keys
+                while b'quit' not in shown:  # the last line, of the keys
                     message = await tab.receive()
                     assert message.type is WSMsgType.BINARY, message
                     shown += message.data

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 
 from .attention import Attention
 from .carrying_out import Later, Reading, Station, carry_out
-from .keys import KEYS, Key, help_lines
+from .keys import KEYS, Key, has_map, help_lines
 from .restarts import Restarts
 from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
@@ -33,6 +33,7 @@ __all__ = [
     'Station',
     'carry_out',
     'choose',
+    'has_map',
     'help_lines',
     'interpret',
     'standard_error_as_lines',

@@ -43,11 +43,26 @@ class Key:
     sends: bool = False
     asks: bool = False
 
-    def can_be_used(self, view: View, operator: str | None) -> bool:
-        """Whether it has an effect now, as far as is known; what is pressed all the same says why it has none."""
+    def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
+        """Whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
+
+        ``has_answer``: there is something for Enter to send or to begin.
+        """
         snapshot = view.snapshot
         is_held = snapshot is not None and snapshot.authority not in ('', operator)
-        return not self.blocked(view) and not (self.sends and (is_held or not view.live))
+        is_refused = (operator is None and self.gives_command) or (self.action == 'confirm' and not has_answer)
+        return not (self.blocked(view) or is_refused or (self.sends and (is_held or not view.live)))
+
+    @property
+    def gives_command(self) -> bool:
+        """Whether it is refused to an observer."""
+        return self.sends or self.action in ('stop', 'authority', 'note')
+
+
+def has_map(view: View) -> bool:
+    """Whether there is anything to draw on a map."""
+    around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
+    return bool(around.map or around.plan or around.driven or robot or view.places)
 
 
 def _runs(view: View) -> str:
@@ -55,7 +70,15 @@ def _runs(view: View) -> str:
 
 
 def _is_idle(view: View) -> str:
-    return 'a behavior runs; "w" goes on with another one' if view.running else ''
+    return 'a behavior runs; "w" goes on with another one' if view.running else _has_behaviors(view)
+
+
+def _is_switchable(view: View) -> str:
+    return _runs(view) or _has_behaviors(view)
+
+
+def _has_behaviors(view: View) -> str:
+    return '' if view.behaviors else 'the robot has not said which behaviors it has'
 
 
 def _waits(view: View) -> str:
@@ -67,7 +90,9 @@ def _has_choices(view: View) -> str:
 
 
 def _wants_pose(view: View) -> str:
-    return '' if view.decision is not None and view.decision.wants_pose else 'no pose is asked for'
+    if view.decision is None or not view.decision.wants_pose:
+        return 'no pose is asked for'
+    return '' if has_map(view) else 'there is no map to point at yet; ":" types a place, or x y yaw'
 
 
 def _wants_value(view: View) -> str:
@@ -77,6 +102,11 @@ def _wants_value(view: View) -> str:
 
 def _is_active(view: View) -> str:
     return '' if view.active_paths else 'no state is active'
+
+
+def _has_outcomes(view: View) -> str:
+    has_some = any(view.outcomes(path) for path in view.active_paths)
+    return _is_active(view) or ('' if has_some else 'the outcomes of the active state are not known yet')
 
 
 def _is_lockable(view: View) -> str:
@@ -140,12 +170,19 @@ _OF_DECISION: Final = (
         ('enter',),
         'Enter',
         'confirm',
-        'send the answer in brackets to the decision on the screen',
+        'send the answer in brackets to the decision on the screen; begin the line for a value',
         'confirm',
         _waits,
         sends=True,
     ),
-    Key(tuple('0123456789'), '0-9', 'pick', 'pick an answer, by 0 from a list; Enter sends it', 'pick', _has_choices),
+    Key(
+        tuple('0123456789'),
+        '0-9',
+        'pick',
+        'put the answer of that number in brackets, by 0 from a list; Enter sends it',
+        'pick',
+        _has_choices,
+    ),
     Key(('g',), 'g', 'point', 'answer on the map: arrows move, < > turn, Enter answers', 'point', _wants_pose, rank=2),
     Key(
         ('a',),
@@ -187,7 +224,7 @@ _OF_RUN: Final = (
         'force',
         'leave an active state by an outcome of your choice',
         'force',
-        _is_active,
+        _has_outcomes,
         rank=2,
         sends=True,
     ),
@@ -218,7 +255,7 @@ _OF_RUN: Final = (
         'switch',
         'go on with another behavior, keeping the active states',
         'switch',
-        _runs,
+        _is_switchable,
         rank=3,
         sends=True,
     ),
@@ -312,9 +349,14 @@ _OF_SCREEN: Final = (
     Key(('n',), 'n', 'note', 'write a remark into the log', 'note', rank=3),
 )
 
+SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
+"""What the decision bar marks its answers with."""
+
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
 
 def help_lines() -> list[str]:
-    """The table, for people."""
-    return [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
+    """The table, for people, and the signs of the decision bar."""
+    keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
+    signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
+    return [*keys, '', 'In the bar of the decision:', *signs]

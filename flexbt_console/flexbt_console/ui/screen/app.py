@@ -378,6 +378,8 @@ class OperatorScreen(OrderedApp):
             self._panes.picking.pressed()
         if why := key.blocked(view):
             raise RefusedError(f'{key.label}: {why}')
+        if key.gives_command:
+            self._station.make.require_operator()
         if key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
         elif len(written := key.lines(view, self._station.make.operator)) == 1 and key.asks:

@@ -148,7 +148,10 @@ def decision_lines(view: View, picked: str, columns: int, signs: Glyphs, *, is_p
     for reason in reasons:
         if len(lines) < room:
             lines += [Line(text, tone_of(reason)) for text in fold(reason, columns, room - len(lines))]
-    return [*lines, *told][:ROWS]
+    lines += told
+    if choices and len(lines) < ROWS:
+        lines.append(Line(cut(_how_to_pick(decision, picked), columns), Tone.DIM))
+    return lines[:ROWS]
 
 
 def choice_texts(decision: Decision, state: StateStructure | None, signs: Glyphs) -> list[str]:
@@ -205,6 +208,13 @@ def _side_by_side(cells: Sequence[str], columns: int) -> list[str]:
         else:
             rows.append(cut(cell, columns))
     return rows
+
+
+def _how_to_pick(decision: Decision, picked: str) -> str:
+    star = '; * is what the state wants' if decision.outcome in decision.choices else ''
+    if not picked:
+        return f'  a number picks an answer, and then Enter sends it{star}'
+    return f'  Enter sends what is in brackets; a number picks another answer{star}'
 
 
 def _how_to_answer(decision: Decision, *, is_pointing: bool) -> str:

@@ -11,6 +11,7 @@ from rich.text import Text
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Decision, View
 from flexbt_console.pictures import Frame, Glyphs, MapCanvas, cut, where_text
+from flexbt_console.ui.interaction import has_map
 
 from .pane import drawn
 
@@ -39,16 +40,15 @@ class MapPane:
         """Whether there is a cursor."""
         return self._cursor is not None
 
-    @staticmethod
-    def has_content(view: View) -> bool:
-        """Whether there is anything to draw."""
-        around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
-        return bool(around.map or around.plan or around.driven or robot or view.places)
+    @property
+    def is_aimed(self) -> bool:
+        """Whether there is a cursor that was moved or turned."""
+        return self._cursor is not None and self._is_aimed
 
     def point(self, view: View) -> bool:
         """Put the cursor where the robot is; False while there is no map, or nothing is asked."""
         robot = view.snapshot.robot_pose if view.snapshot else None
-        if view.decision is None or not self.has_content(view):
+        if view.decision is None or not has_map(view):
             return False
         if self._frame is None:  # it is hidden, and is drawn now
             self.draw(view, 2 * LEAST_COLUMNS, 2 * LEAST_ROWS)

@@ -11,6 +11,7 @@ from rich.text import Text
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Mirror, RobotOverview, View
 from flexbt_console.pictures import cut, glyphs
+from flexbt_console.ui.interaction import has_map
 from flexbt_core.clock import Clock
 
 from .decision_bar import Picking, decision_lines
@@ -75,10 +76,18 @@ class Panes:
 
     def visible(self, view: View) -> tuple[str, ...]:
         """Those that have room: as they are laid out, and what is needed for what is done now."""
-        visible = self.layout.visible('' if self.map.has_content(view) else 'map')
+        visible = self.layout.visible('' if has_map(view) else 'map')
         if self.map.is_pointing and 'map' not in visible:
             visible = ('map',)
         return (*visible, 'log') if self._line.is_open and 'log' not in visible else visible
+
+    def has_answer(self, view: View) -> bool:
+        """Whether Enter has something to send for the decision on the screen, or begins the line for a value."""
+        if self.map.is_pointing:
+            return self.map.is_aimed
+        decision = view.decision
+        is_typed = decision is not None and not (decision.choices or decision.wants_pose)
+        return is_typed or bool(self.picking.picked(decision))
 
     def text_of(self, pane: str, shown: Shown, columns: int, rows: int) -> Text:
         """What is in a pane of so many rows of so many cells."""
@@ -106,4 +115,4 @@ class Panes:
             case _ if self._replay is not None:
                 return self._replay.text(columns)
             case _:
-                return keys_text(view, columns, self._operator, self.layout.focused)
+                return keys_text(view, columns, self._operator, self.layout.focused, has_answer=self.has_answer(view))

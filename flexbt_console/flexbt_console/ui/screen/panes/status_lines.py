@@ -85,14 +85,16 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     return styled([Line(row, tone_of(line)) for line in shown for row in fold(f' {line}', columns, rows, '   ')])
 
 
-def keys_text(view: View, columns: int, operator: str | None, focused: str = '') -> Text:
+def keys_text(view: View, columns: int, operator: str | None, focused: str = '', *, has_answer: bool = True) -> Text:
     """The keys, as many as there is room for; those that this operator cannot use now are dim. Before them the pane
-    that has the focus, and the keys that are for it."""
-    head = cut(f'{focused}: PgUp PgDn z h  ', columns) if focused else ''
+    that has the focus, and the keys that are for it. ``has_answer``: Enter has something to send or to begin."""
+    scroll = '' if focused == 'map' else 'PgUp PgDn '
+    head = cut(f'{focused}: {scroll}z h  ', columns) if focused else ''
     room = columns - len(head)
     chosen: set[str] = set()
     ranks = {key: 0 if key.needs(view, operator) else key.rank for key in KEYS}
-    for key in sorted(KEYS, key=lambda one: (not one.can_be_used(view, operator), ranks[one])):
+    usable = {key for key in KEYS if key.can_be_used(view, operator, has_answer=has_answer)}
+    for key in sorted(KEYS, key=lambda one: (one not in usable, ranks[one])):
         needed = len(key.shown) + len(key.label) + 3
         if ranks[key] < 3 and needed <= room:
             chosen.add(key.action)
@@ -100,7 +102,6 @@ def keys_text(view: View, columns: int, operator: str | None, focused: str = '')
     text = Text(head, no_wrap=True, end='')
     for key in KEYS:
         if key.action in chosen:
-            is_usable = key.can_be_used(view, operator)
-            text.append(f'{key.shown} ', 'bold' if is_usable else 'dim')
-            text.append(f'{key.label}  ', '' if is_usable else 'dim')
+            text.append(f'{key.shown} ', 'bold' if key in usable else 'dim')
+            text.append(f'{key.label}  ', '' if key in usable else 'dim')
     return text
