@@ -16,7 +16,8 @@ from rclpy.parameter import Parameter
 import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
+from flexbt_onboard.node.executive_parameters import declare_motion
 from flexbt_sim.nodes.lifecycle_manager import declare_manager_parameters
 from flexbt_sim.server_common import declare_navigation_parameters
 from flexbt_sim.simulator import declare_simulator_parameters
@@ -84,6 +85,7 @@ def test_executables() -> None:
     [
         ('bt_server', flexbt_server.node.parameters.declare_parameters),
         ('onboard_executive', flexbt_onboard.node.executive_parameters.declare_parameters),
+        ('stop_guard', lambda node: declare_motion(ParameterDeclarer(node))),
         ('simulator', declare_simulator_parameters),
         ('navigation', declare_navigation_parameters),
         ('lifecycle_manager', declare_manager_parameters),

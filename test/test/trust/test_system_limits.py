@@ -35,6 +35,7 @@ MUCH, MANY = 2_000_000, 2_100
 """Bytes and elements that are too much for most fields of goals and requests."""
 
 SERVERS = (names.NAVIGATION, names.BT_SERVER, names.ONBOARD_EXECUTIVE)
+NODES = (names.SIMULATOR, *SERVERS, names.STOP_GUARD)
 CUTS_OFF = frozenset(
     f'/{topic}'
     for topic in (
@@ -42,7 +43,8 @@ CUTS_OFF = frozenset(
         names.EXECUTIVE_STOP,
         names.EXECUTIVE_PRESENCE,
         names.EXECUTIVE_PING,
-        *map(names.alive_topic, (names.SIMULATOR, *SERVERS)),
+        names.EXECUTIVE_STATUS,
+        *map(names.alive_topic, NODES),
     )
 )
 """Topics whose flooders are cut off by the middleware."""
@@ -107,7 +109,7 @@ def bounded(stack: Stack, probe: Probe) -> Iterator[None]:
     yield
     for name in stack.running():
         assert memory(stack, name) < MEMORY, name
-    assert stack.running() == {names.SIMULATOR, *SERVERS}
+    assert stack.running() == set(NODES)
     seen = len(probe.statuses)
     probe.wait(lambda: len(probe.statuses) > seen, 'a status of the executive')
 
@@ -129,7 +131,7 @@ def test_goals_with_too_much_in_a_field_are_refused_by_its_name(runtime: NodeRun
                 assert len(text) < 1000
 
 
-@pytest.mark.parametrize('server', (names.SIMULATOR, *SERVERS))
+@pytest.mark.parametrize('server', NODES)
 def test_requests_with_too_much_in_a_field_are_answered(runtime: NodeRuntime, server: str) -> None:
     links = ServiceLinks(runtime)
     served = runtime.call(lambda: runtime.node.get_service_names_and_types_by_node(server, '/'))
@@ -143,7 +145,7 @@ def test_requests_with_too_much_in_a_field_are_answered(runtime: NodeRuntime, se
             assert outcome.ok, (service, path, outcome.reason)
 
 
-@pytest.mark.parametrize('node', (names.SIMULATOR, *SERVERS))
+@pytest.mark.parametrize('node', NODES)
 def test_messages_with_too_much_in_a_field_are_left_aside(runtime: NodeRuntime, node: str) -> None:
     heard = runtime.call(lambda: runtime.node.get_subscriber_names_and_types_by_node(node, '/'))
     for topic, (type_name,) in heard:

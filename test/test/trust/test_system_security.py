@@ -21,7 +21,7 @@ from flexbt_testing.system.console_process import silent_console
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 
-NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'console', 'observer', 'recorder')
+NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'stop_guard', 'console', 'observer', 'recorder')
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}
 """What the graph calls by which name, and the word of a policy for it."""
 PARTS = re.compile(r'/_action/(feedback|status|send_goal|cancel_goal|get_result)$')
