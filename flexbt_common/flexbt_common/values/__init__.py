@@ -14,7 +14,7 @@ from .entries import (
     value_to_text,
 )
 from .limits import LONG_TEXT, MESSAGE, check_limits, length_of, make_sendable
-from .pose_lists import fewer_poses, poses_of, set_poses
+from .pose_lists import fewer_poses, path_points, poses_of, set_poses
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
 from .value_types import PRIMITIVES, type_name
@@ -34,6 +34,7 @@ __all__ = [
     'length_of',
     'make_sendable',
     'message_type_name',
+    'path_points',
     'poses_of',
     'resolve_type',
     'seconds_of',

@@ -93,6 +93,8 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/OperatorInput_Goal.asker': 4_096,
     'flexbt_msgs/DecisionSubject.entries': 20,
     'flexbt_msgs/DecisionSubject.notes': 100,
+    'flexbt_msgs/RobotPlan.x': 10_000,
+    'flexbt_msgs/RobotPlan.y': 10_000,
     'flexbt_msgs/SetFault_Request.parameters': 10_000,
     'nav2_msgs/ComputePathThroughPoses_Goal.goals': 10_000,
     'nav2_msgs/NavigateThroughPoses_Goal.poses': 10_000,

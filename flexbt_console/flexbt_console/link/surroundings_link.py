@@ -15,7 +15,7 @@ from flexbt_common.runtime import NodeRuntime, Pace, Received, ReceivedMessages
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
-from flexbt_msgs.msg import TreeStatus, TreeStructure
+from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
 from .messages import is_length, known_constant
 from .scan_link import TOLD_CHARACTERS, ScanLink
@@ -28,9 +28,6 @@ MOST_CELLS: Final = 16_000_000
 
 MOST_RESOLUTION: Final = 100.0
 """Metres of a cell, at most."""
-
-MOST_POINTS: Final = 500
-"""Points of a plan that are kept; of a longer one, every so many."""
 
 MOST_TREE_NODES: Final = 5_000
 """Nodes of a tree that are kept; of more the operator is told how many are left out."""
@@ -73,14 +70,14 @@ class SurroundingsLink:
             self._scan.close()
 
     def _join(self) -> None:
-        from nav_msgs.msg import OccupancyGrid, Path  # what only a screen needs
+        from nav_msgs.msg import OccupancyGrid  # what only a screen needs
 
         feed = SurroundingsFeed(self._mirror)
         for type, topic, qos in (
             (TreeStructure, names.TREE_STRUCTURE, names.latched(STATUS_DEPTH)),
             (TreeStatus, names.TREE_STATUS, names.latched(STATUS_DEPTH)),
             (OccupancyGrid, names.MAP, names.latched()),
-            (Path, names.EXECUTIVE_PLAN, names.latched()),
+            (RobotPlan, names.EXECUTIVE_PLAN, names.latched()),
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])
@@ -171,12 +168,12 @@ class SurroundingsFeed:
 
     def _on_plan(self, message: Any) -> None:
         check_limits(message)
-        points = [(one.pose.position.x, one.pose.position.y) for one in message.poses]
+        if len(message.x) != len(message.y):
+            raise ValueError(f'a plan with {len(message.x)} x and {len(message.y)} y')
+        points = tuple(zip(message.x.tolist(), message.y.tolist(), strict=True))
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')
-        step = -(-len(points) // MOST_POINTS) or 1
-        kept = points[::step]
-        self._mirror.receive_plan(tuple(kept if not points or kept[-1] == points[-1] else [*kept, points[-1]]))
+        self._mirror.receive_plan(points)
 
 
 def _change(message: Any) -> StatusChange:

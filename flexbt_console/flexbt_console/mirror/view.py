@@ -20,6 +20,7 @@ from .records import (
     StopGuard,
     Structure,
     Subject,
+    plain_type,
 )
 from .standstill import UnwantedMotion
 from .surroundings import Surroundings
@@ -123,12 +124,12 @@ class View:
         subject = self.subject(decision)
         if subject is None:
             return replace(around, plan=())
-        path = next((value.points for value in subject.values if value.points), ())
+        paths = [value for value in subject.values if value.points or plain_type(value.type) == 'nav_msgs/Path']
         poses = [value for value in subject.values if value.pose is not None]
         goal = next((value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')), None)
-        if not path and goal is None:
+        if not paths and goal is None:
             return around
-        return replace(around, plan=path, at=None if goal is None else (goal.x, goal.y))
+        return replace(around, plan=paths[0].points if paths else (), at=None if goal is None else (goal.x, goal.y))
 
     def turned_to(self, decision_id: str) -> View:
         """The same picture with that decision before those that have waited longer, if it is pending."""

@@ -46,7 +46,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
     names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.latched(100)),  # one message of each broadcaster
     names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.unacknowledged(1), SCAN_PERIOD, SCAN_BYTES),
-    names.EXECUTIVE_PLAN: Topic('nav_msgs/msg/Path', names.latched()),
+    names.EXECUTIVE_PLAN: Topic('flexbt_msgs/msg/RobotPlan', names.latched()),
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
     names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
 }

@@ -128,6 +128,13 @@ def test_what_is_not_drawn_leaves_the_plan(mirror: Mirror) -> None:
     assert parts_of(view, 'ann')['decisions'][0]['drawn'] is None  # it would be sent with each new plan
 
 
+def test_a_path_without_poses_is_no_other_path(mirror: Mirror) -> None:
+    mirror.receive_subjects(subjects(path=Path()))
+    view = mirror.view()
+    assert (view.drawn.plan, view.drawn.goal) == ((), None)
+    assert 'about path: no poses' in '\n'.join(status_lines(view))
+
+
 def test_a_path_without_place_and_a_type_that_is_not_installed_are_told() -> None:
     nowhere = subjects(path=Path(poses=[pose_at(float('nan'), 0.0), pose_at(0.0, 0.0)])).subjects[0]
     assert (nowhere.values[0].points, nowhere.values[0].text) == ((), 'it has a point that is nowhere')

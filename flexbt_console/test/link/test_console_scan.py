@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, TransformStamped
-from nav_msgs.msg import OccupancyGrid, Path
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import OccupancyGrid
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
@@ -26,7 +26,7 @@ from flexbt_console.mirror import Change, GridMap, Mirror, Points, Pose, Snapsho
 from flexbt_console.pictures import ASCII
 from flexbt_console.ui.screen.panes.map_pane import MapPane
 from flexbt_core.clock import ManualClock
-from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStructure
+from flexbt_msgs.msg import RobotPlan, TreeNode, TreeStatus, TreeStructure
 from flexbt_testing.waiting import wait_until
 
 
@@ -262,7 +262,7 @@ def test_the_name_of_a_place_at_the_edge_is_read() -> None:
         (names.TREE_STRUCTURE, TreeStructure(nodes=[TreeNode(uid=1, name='\N{SNOWMAN}' * 100_000)]), 'nodes[0].name'),
         (names.TREE_STATUS, TreeStatus(statuses=[0] * 200_000), 'statuses'),
         (names.MAP, OccupancyGrid(header=Header(frame_id='x' * 2_000)), 'frame_id'),
-        (names.EXECUTIVE_PLAN, Path(poses=[PoseStamped()] * 30_000), 'poses'),
+        (names.EXECUTIVE_PLAN, RobotPlan(x=[0.0] * 30_000, y=[0.0] * 30_000), 'x has 30000'),
     ],
 )
 def test_what_has_too_much_in_it_is_left_aside(topic: str, message: Any, field: str) -> None:

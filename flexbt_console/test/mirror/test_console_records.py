@@ -107,6 +107,7 @@ NO_RECORD: Final[dict[Any, str]] = {
     msg.BtLoadReport: 'of BtLoad, which no console asks for',
     msg.Place: 'a pose by its name',
     msg.PlaceList: 'poses by their names',
+    msg.RobotPlan: 'points of what is around the robot',
 }
 """Messages that have none, and why."""
 
@@ -292,7 +293,8 @@ def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None
     for sequence, pose in enumerate((_pose(number, 0.0), _pose(0.0, number)), 1):
         known.receive_snapshot(snapshot_record(msg.ExecutiveStatus(sequence=sequence, robot_pose=pose)))
         with pytest.raises(ValueError, match='nowhere'):
-            receive[names.EXECUTIVE_PLAN](Path(poses=[_pose(0.0, 0.0), pose]))
+            place = pose.pose.position
+            receive[names.EXECUTIVE_PLAN](msg.RobotPlan(frame_id='map', x=[0.0, place.x], y=[0.0, place.y]))
         grid.info.origin = pose.pose
         with pytest.raises(ValueError, match='a map of'):
             receive[names.MAP](grid)

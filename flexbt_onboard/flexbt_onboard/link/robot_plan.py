@@ -12,20 +12,20 @@ from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages
-from flexbt_common.values import fewer_poses, from_entry
+from flexbt_common.values import path_points
 from flexbt_msgs.msg import DecisionSubject
+from flexbt_msgs.msg import RobotPlan as RobotPlanMessage
 
-MOST_POSES: Final = 500
-"""Poses that are passed on: as many as a map on a screen has room for."""
+MOST_POINTS: Final = 500
+"""Points that are passed on: as many as a map on a screen has room for."""
 
 PERIOD: Final = 0.5
 """Seconds from one plan that is passed on to the next: a planner may be quick, and the link slow."""
 
-MOST_BYTES: Final = 2_000_000
-"""Of a plan that is passed on: 25,000 poses. To unpack more would hold up everything else."""
+MOST_BYTES: Final = 4_000_000
+"""Of a plan that is passed on: 50,000 poses. To read more would hold up everything else."""
 
 MESSAGE_BYTES: Final = 32_000_000
-
 
 _PATH: Final = 'nav_msgs/msg/Path'
 
@@ -35,7 +35,7 @@ class RobotPlan:
 
     def __init__(self, runtime: NodeRuntime, topic: str) -> None:
         self._runtime = runtime
-        self._publisher = runtime.node.create_publisher(Path, names.EXECUTIVE_PLAN, names.latched())
+        self._publisher = runtime.node.create_publisher(RobotPlanMessage, names.EXECUTIVE_PLAN, names.latched())
         self._newest: Received | None = None
         self._due = -math.inf
         self._is_empty = True
@@ -48,14 +48,14 @@ class RobotPlan:
         """Forget the plan: another run begins."""
         self._newest = None
         if not self._is_empty:
-            self._publish(Path())
+            self._publish(b'')
 
     def judged(self, subjects: Sequence[DecisionSubject]) -> None:
         """Take a path that the operator judges as the plan, while none was heard in this run: it was published before
         this process was started, or by nobody."""
-        paths = (entry for one in subjects for entry in one.entries if entry.type == _PATH and entry.data)
+        paths = (entry.data for one in subjects for entry in one.entries if entry.type == _PATH and entry.data)
         if self._is_empty and self._newest is None and (path := next(paths, None)) is not None:
-            self._publish(from_entry(path))
+            self._publish(bytes(path))
 
     def _on_message(self, received: Received) -> None:
         is_planned, self._newest = self._newest is not None, received
@@ -67,16 +67,23 @@ class RobotPlan:
         if received is None:
             return
         self._due = self._runtime.steady.now() + PERIOD
-        plan = Path()
-        try:
-            if received.size > MOST_BYTES:
-                raise ValueError(f'{received.size} bytes; at most {MOST_BYTES} are shown')
-            plan = fewer_poses(received.unpack(Path), MOST_POSES)
-        except ValueError as error:
-            text = f'{self._messages.subscription.topic_name}: a plan is not shown to operators: {error}'
-            self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)
-        self._publish(plan)  # also an empty one: the plan before is none any more
+        if received.data is not None and received.size <= MOST_BYTES:
+            self._publish(received.data)
+        else:
+            self._publish(b'', f'{received.size} bytes; at most {MOST_BYTES} are shown')
 
-    def _publish(self, plan: Path) -> None:
-        self._is_empty = not plan.poses
-        self._publisher.publish(plan)
+    def _publish(self, path: bytes, problem: str = '') -> None:
+        """Publish the points of a serialized path. Where there are none, the plan before is none any more."""
+        frame, points = '', list[tuple[float, float]]()
+        try:
+            frame, points = path_points(path, MOST_POINTS) if path else ('', [])
+            if not all(math.isfinite(x) and math.isfinite(y) for x, y in points):
+                points, problem = [], 'a point that is nowhere'
+        except ValueError as error:
+            problem = str(error)
+        if problem:
+            text = f'{self._messages.subscription.topic_name}: a plan is not shown to operators: {problem}'
+            self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)
+        self._is_empty = not points
+        across, up = zip(*points, strict=True) if points else ((), ())
+        self._publisher.publish(RobotPlanMessage(frame_id=frame if points else '', x=across, y=up))

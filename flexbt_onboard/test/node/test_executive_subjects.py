@@ -18,7 +18,14 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import from_entry, subject_message
 from flexbt_core.state_machine import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_msgs.action import OperatorInput
-from flexbt_msgs.msg import BlackboardEntry, DecisionSubject, DecisionSubjects, ExecutiveCommand, PendingDecision
+from flexbt_msgs.msg import (
+    BlackboardEntry,
+    DecisionSubject,
+    DecisionSubjects,
+    ExecutiveCommand,
+    PendingDecision,
+    RobotPlan,
+)
 from flexbt_onboard.node import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
@@ -204,16 +211,20 @@ def test_a_plan_is_kept_for_consoles_that_come_late_and_forgotten_with_the_next_
     publisher = bench.console.call(lambda: bench.console.node.create_publisher(Path, names.PLAN, 1))
     wait_until(publisher.get_subscription_count, 'the executive hears it')
     publisher.publish(path_of(20_000))
-    with late_reader(Path, names.EXECUTIVE_PLAN) as heard:
-        wait_until(lambda: heard and heard[-1].poses, 'the plan')
-        assert len(heard[-1].poses) <= 500
-        assert heard[-1].poses[-1] == path_of(20_000).poses[-1]
+    with late_reader(RobotPlan, names.EXECUTIVE_PLAN) as heard:
+        wait_until(lambda: heard and len(heard[-1].x), 'the plan')
+        plan = heard[-1]
+        assert (plan.frame_id, len(plan.x) <= 500, len(plan.x) == len(plan.y)) == ('map', True, True)
+        assert (plan.x[0], plan.x[-1]) == (0.0, pytest.approx(0.05 * 19_999))
         publisher.publish(path_of(60_000))  # more than there is time for
-        wait_until(lambda: not heard[-1].poses, 'no plan, and not the one before')
+        wait_until(lambda: not heard[-1].x, 'no plan, and not the one before')
+        nowhere = path_of(3)
+        nowhere.poses[1].pose.position.y = float('nan')
+        publisher.publish(nowhere)
         publisher.publish(path_of(3))
-        wait_until(lambda: len(heard[-1].poses) == 3, 'the next plan')
+        wait_until(lambda: len(heard[-1].x) == 3, 'the next plan')
         before = len(heard)
         bench.start(autonomy=1)
-        wait_until(lambda: len(heard) == before + 2, lambda: f'have {[len(path.poses) for path in heard]}')
-        assert heard[-2].poses == []  # that of the run before
-        assert heard[-1] == path_of(200)  # what is judged: no planner has published it
+        wait_until(lambda: len(heard) == before + 2, lambda: f'have {[len(plan.x) for plan in heard]}')
+        assert not heard[-2].x  # that of the run before
+        assert len(heard[-1].x) == 200  # what is judged: no planner has published it
