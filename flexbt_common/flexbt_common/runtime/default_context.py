@@ -14,14 +14,14 @@ import re
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Final
 
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
 
 from flexbt_common.discovery import RANGE
 
@@ -46,9 +46,16 @@ class DefaultContext:
         self._opened: Context | None = None
 
     def open(self) -> None:
-        """Initialize the context, unless it is initialized."""
+        """Initialize the context, unless it is initialized.
+
+        If users' code has shut it down and initialized it anew, rclpy's signal handlers are taken off: they would shut
+        down the contexts of our nodes as well, before anything could end in order.
+        """
         with _opening:
             if rclpy.ok():
+                if self._opened not in (None, rclpy.get_default_context()):
+                    uninstall_signal_handlers()
+                    self._opened = rclpy.get_default_context()
                 return
             node = self._node
             is_simulated = node is not None and node.get_parameter('use_sim_time').value
@@ -70,9 +77,13 @@ class DefaultContext:
         context, self._opened = self._opened, None
         if context is not None:
             for node in _nodes_in(context):
-                with suppress(InvalidHandle):  # it is destroyed already
+                try:
                     end_callbacks(node)
                     node.destroy_node()
+                except InvalidHandle:  # it is destroyed already
+                    continue
+                except Exception as error:  # code of users
+                    node.get_logger().warning(f'not destroyed: {error!r}')
 
 
 @contextmanager
@@ -117,5 +128,6 @@ def _without_name(args: Sequence[str]) -> Iterator[str]:
 
 
 def _nodes_in(context: Context) -> list[Node]:
-    """The nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected."""
-    return [one for one in gc.get_objects() if issubclass(type(one), Node) and one.context is context]
+    """The nodes of a context. rclpy keeps no list of them; what nobody holds any more has been collected, and one whose
+    constructor has raised has no context."""
+    return [one for one in gc.get_objects() if issubclass(type(one), Node) and getattr(one, 'context', None) is context]

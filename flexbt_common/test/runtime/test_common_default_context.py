@@ -8,6 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
 from flexbt_common.runtime import DefaultContext, NodeRuntime
 from flexbt_testing.system.python_process import python_process
@@ -74,7 +76,7 @@ def test_the_time_is_that_of_the_node_wherever_it_was_said() -> None:
 
 
 def test_a_context_that_somebody_else_has_opened_is_left_to_them() -> None:
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     with NodeRuntime.open('guest') as runtime:
         runtime.default_context.open()
     assert rclpy.ok()
@@ -89,6 +91,39 @@ def test_the_context_can_be_opened_again_after_users_code_has_shut_it_down() -> 
     context.open()
     context.close()
     assert not rclpy.ok()
+
+
+def test_handlers_of_signals_that_users_code_has_installed_are_taken_off() -> None:
+    context = DefaultContext()
+    context.open()
+    rclpy.shutdown()
+    rclpy.init(args=[])
+    assert get_current_signal_handlers_options() == SignalHandlerOptions.ALL
+    context.open()
+    assert get_current_signal_handlers_options() == SignalHandlerOptions.NO
+    context.close()
+    assert not rclpy.ok()
+
+
+def test_nodes_of_users_that_cannot_be_destroyed_keep_nothing_from_its_end() -> None:
+    class Stubborn(Node):
+        def destroy_node(self) -> None:
+            raise ValueError('never')
+
+    class Unmade(Node):
+        def __init__(self) -> None:
+            kept.append(self)
+            raise ValueError('no such device')
+
+    kept: list[Node] = []
+    with NodeRuntime.open('host') as runtime:
+        runtime.default_context.open()
+        kept.append(Stubborn('stubborn'))
+        with pytest.raises(ValueError, match='no such device'):
+            Unmade()
+        rclpy.create_node('gone').destroy_node()
+    assert runtime.is_at_rest and not rclpy.ok()
+    Node.destroy_node(kept[0])
 
 
 def test_of_two_runtimes_one_has_the_context_for_both() -> None:
