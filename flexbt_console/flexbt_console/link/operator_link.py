@@ -532,9 +532,10 @@ def no_link_text(view: View, when: str) -> str:
     """Why there is no link, and what to do."""
     if view.problem:
         return f'no link: {view.problem}'
+    held = f'. {view.guard.told}' if view.guard.told else ''
     if view.snapshot is None:
         return (
-            f'no link: no executive was heard {when}. Is it running, in the same namespace '
+            f'no link: no executive was heard {when}{held}. Is it running, in the same namespace '
             '(--namespace) and the same ROS_DOMAIN_ID?'
         )
-    return f'no link: the executive was last heard {view.age or 0.0:.1f} s ago, and not again {when}'
+    return f'no link: the executive was last heard {view.age or 0.0:.1f} s ago, and not again {when}{held}'

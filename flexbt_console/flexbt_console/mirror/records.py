@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from flexbt_core.values import one_line
+
 
 class ExecutiveState(IntEnum):
     """ExecutiveStatus.state."""
@@ -251,6 +253,15 @@ class StopGuard:
     holding: bool = False
     operator: str = ''
     going_on: tuple[str, ...] = ()
+
+    @property
+    def told(self) -> str:
+        """That it keeps the robot at rest, and why; '' while it does not."""
+        if not self.holding:
+            return ''
+        goes_on = f'; {", ".join(map(one_line, self.going_on))} goes on, restart it' if self.going_on else ''
+        who = one_line(self.operator) or 'somebody'
+        return f'HELD BY THE STOP GUARD: the executive has not answered the STOP of {who}; restart it{goes_on}'
 
 
 @dataclass(frozen=True, slots=True)

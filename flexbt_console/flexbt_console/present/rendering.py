@@ -370,19 +370,9 @@ def alarm_line(view: View) -> str:
     """That the robot moves though it should stand, or that the stop guard holds it; '' when neither is so."""
     motion = view.unwanted_motion
     if motion is None:
-        return _guard_line(view)
+        return Line(view.guard.told, Tone.ERROR) if view.guard.told else ''
     how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
     return Line(f'ALARM: THE ROBOT MOVES, {how_far} so far, though {motion.why}; stop it again', Tone.ERROR)
-
-
-def _guard_line(view: View) -> str:
-    guard = view.guard
-    if not guard.holding:
-        return ''
-    goes_on = f'; {", ".join(map(one_line, guard.going_on))} goes on, restart it' if guard.going_on else ''
-    who = one_line(guard.operator) or 'somebody'
-    text = f'HELD BY THE STOP GUARD: the executive has not answered the STOP of {who}; restart it'
-    return Line(f'{text}{goes_on}', Tone.ERROR)
 
 
 def robot_line(robot: RobotOverview) -> str:

@@ -27,6 +27,7 @@ from flexbt_common.runtime import (
     ParameterDeclarer,
     Received,
     ReceivedMessages,
+    SenderRates,
     run_node,
 )
 from flexbt_common.values import make_sendable
@@ -43,6 +44,10 @@ GRACE_SECONDS: Final = 0.15
 
 REPEAT_SECONDS: Final = 0.5
 """From one look at what the guard has stopped, and one STOP that it sends to the executive, to the next."""
+
+STATUS_RATE: Final = 100.0
+STATUS_BURST: Final = 200
+"""Statuses of one process that are taken: a second, and at once; an executive sends 20 a second."""
 
 STATUS_BYTES: Final = 4_000_000
 """Bytes of a status of the executive, at most."""
@@ -72,6 +77,7 @@ class StopGuard:
         self._told: tuple[Any, ...] = ()
         self._timer: Timer | None = None
         self._is_told_soon = False
+        self._newest: Received | None = None  # status of the executive
         node = runtime.node
         self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.latched())
         self._stops = node.create_publisher(
@@ -90,14 +96,9 @@ class StopGuard:
             stamped=parameters.stamped_cmd_vel,
         )
         self._motion.prepare()
-        ReceivedMessages(
-            node,
-            ExecutiveStatus,
-            names.EXECUTIVE_STATUS,
-            names.latched(STATUS_DEPTH),
-            self._on_status,
-            STATUS_BYTES,
-            is_awaited=lambda: self.is_open,
+        self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
+        self._statuses = ReceivedMessages(
+            node, ExecutiveStatus, names.EXECUTIVE_STATUS, names.latched(STATUS_DEPTH), self._on_status, STATUS_BYTES
         )
         CommandIntake(runtime, self._on_stop, functools.partial(_log, runtime), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
@@ -139,10 +140,21 @@ class StopGuard:
         elif self._motion.is_holding and not self._is_told_soon:
             self._is_told_soon = True
             self._plan(TELL_SECONDS)
+        self._take_answers()  # it may have come before the STOP
 
     def _on_status(self, received: Received) -> None:
+        if not self._status_rates.allows(received.process):
+            self._statuses.blame(received)
+            return
+        self._newest = received
+        if self._open:
+            self._take_answers()
+
+    def _take_answers(self) -> None:
+        if self._newest is None:
+            return
         try:
-            status = received.unpack(ExecutiveStatus)
+            status = self._newest.unpack(ExecutiveStatus)
         except ValueError as error:
             text = f'{names.EXECUTIVE_STATUS}: left aside: {one_line(str(error))}'
             self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)

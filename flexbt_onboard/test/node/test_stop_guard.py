@@ -117,11 +117,18 @@ def test_what_the_executive_answers_is_left_to_it(world: World, monkeypatch: pyt
     with monkeypatch.context() as patched:
         patched.setattr(stop_guard, 'GRACE_SECONDS', 1e6)  # however busy the machine is
         for _ in range(3):
-            world.answer(world.stop())
-        wait_until(lambda: not world.guard.is_open, 'the guard has heard the answers')
+            stop_id = world.stop()
+            wait_until(lambda: world.guard.is_open, 'the guard has heard the STOP')
+            world.answer(stop_id)
+            wait_until(lambda: not world.guard.is_open, 'the guard has heard the answer')
+        stop_id = uuid.uuid4().hex
+        world.begin_executive()
+        world.answer(stop_id)  # which comes before the STOP
+        world.stop(stop_id)
+        wait_until(lambda: [one.id for one in world.heard].count(stop_id) == 2, 'the STOP, and again from the guard')
+        wait_until(lambda: not world.guard.is_open, 'the answer that has come before')
     assert not goal.ended and not any(status.holding for status in world.statuses)
-    first, refused = world.stop(), world.stop()
-    world.answer(first)
+    refused = world.stop()
     world.answer(refused, CommandResult.REFUSED)  # it is not configured: it stops nothing
     world.wait_holding(refused)
     assert goal.wait().status is GoalStatus.CANCELED

@@ -178,7 +178,7 @@ def test_a_console_says_who_has_confirmed_a_stop(system: tuple[Stack, Probe, Gua
         hung = run_console('stop', '--operator', 'ann')
         assert hung.returncode == 0 and 'confirmed by the stop guard' in hung.stdout, hung
         status = run_console('status', '--operator', 'ann', '--timeout', '2')
-        assert 'HELD BY THE STOP GUARD' in status.stdout, status
+        assert 'HELD BY THE STOP GUARD' in status.stderr, status
         stack.send_signal('stop_guard', signal.SIGSTOP)
         neither = run_console('stop', '--operator', 'ann', '--timeout', '2', '--json')
         told = json.loads(neither.stdout)
