@@ -11,13 +11,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
-from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch
+from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch, tells_liveliness
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime import UNKNOWN_NODE, NodeRuntime
 
 SETTLE_SECONDS: Final = 0.1
 """From the discovery of a server to the first message to it, where this may be lost: the other side does not know this
 node yet."""
+
+NAME_SECONDS: Final = 1.0
+"""How long the name of the node of a server is waited for: it comes later than the server, and for some never."""
 
 WATCH_SECONDS: Final = 0.2
 """From one look at whether the servers of a call are gone to the next."""
@@ -27,7 +30,7 @@ _MOST_NODES: Final = 100
 
 
 class ServerEnd(NamedTuple):
-    """One of what serves a name: its node, and the writer of its answers."""
+    """One of what serves a name: its node, '' while that is not known, and the writer of its answers."""
 
     node: str
     writer: bytes
@@ -43,15 +46,18 @@ class ServerNodes:
         self._runtime = runtime
         self._timeout = timeout
         self._watches: dict[str, LivelinessWatch] = {}
+        self._can_watch = tells_liveliness()
 
     def watch(self, node: str) -> LivelinessWatch | None:
         """Return the watch of a node; None while it holds no token."""
         watch = self._watches.get(node)
-        if watch is None and self._has_room() and self._runtime.node.count_publishers(alive_topic(node)):
+        if watch is None and node and self._can_add() and self._runtime.node.count_publishers(alive_topic(node)):
             watch = self._watches[node] = LivelinessWatch(self._runtime, node, timeout=self._timeout)
         return watch
 
-    def _has_room(self) -> bool:
+    def _can_add(self) -> bool:
+        if not self._can_watch:
+            return False
         if len(self._watches) == _MOST_NODES:
             for node, watch in tuple(self._watches.items()):
                 if watch.alive is False:
@@ -105,7 +111,7 @@ class ServerLink:
         self.name = name
         self._nodes = nodes
         self._answer_topic = answer_topic
-        self._seen: dict[ServerEnd, float] = {}  # and since when
+        self._seen: dict[bytes, float] = {}  # writers that are there, and since when
 
     def is_shown(self) -> bool:
         """Return whether the middleware shows a server of this name and type."""
@@ -114,7 +120,8 @@ class ServerLink:
     def is_ready(self) -> bool:
         """Return whether a server is there now that is not known to be gone.
 
-        Beside one that is gone, a new one counts when it has had the time to know this node.
+        Beside one that is gone, a new one counts when it has had the time to know this node; and one whose node has no
+        name yet counts a little later.
         """
         if not self.is_shown():
             self._seen.clear()
@@ -123,10 +130,11 @@ class ServerLink:
         if not ends:
             return True  # a middleware that does not name its endpoints so
         now = self.runtime.steady.now()
-        self._seen = {end: self._seen.get(end, now) for end in ends}
+        self._seen = {end.writer: self._seen.get(end.writer, now) for end in ends}
         servers = Servers(self._nodes, ends)
         gone = {end for end in ends if servers.is_gone(end)}
-        return any(not gone or now - self._seen[end] >= SETTLE_SECONDS for end in ends - gone)
+        settling = SETTLE_SECONDS if gone else 0.0
+        return any(now - self._seen[end.writer] >= (settling if end.node else NAME_SECONDS) for end in ends - gone)
 
     def servers(self) -> Servers:
         """Return those who are there now, and are not known to be gone."""
@@ -135,11 +143,11 @@ class ServerLink:
 
     def _ends(self) -> frozenset[ServerEnd]:
         endpoints = self.runtime.node.get_publishers_info_by_topic(self._answer_topic, no_mangle=True)
-        return frozenset(
-            ServerEnd(f'{one.node_namespace.rstrip("/")}/{one.node_name}', bytes(one.endpoint_gid))
-            for one in endpoints
-            if one.node_name != UNKNOWN_NODE
-        )
+        return frozenset(ServerEnd(_node_of(one), bytes(one.endpoint_gid)) for one in endpoints)
+
+
+def _node_of(endpoint: Any) -> str:
+    return '' if endpoint.node_name == UNKNOWN_NODE else f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 LinkT = TypeVar('LinkT', bound=ServerLink)

@@ -9,6 +9,7 @@ from .liveliness import (
     STARTED,
     LivelinessToken,
     LivelinessWatch,
+    tells_liveliness,
 )
 from .presence import PRESENCE_LEASE_SECONDS, PresenceToken, PresenceWatch
 
@@ -23,4 +24,5 @@ __all__ = [
     'LivelinessWatch',
     'PresenceToken',
     'PresenceWatch',
+    'tells_liveliness',
 ]

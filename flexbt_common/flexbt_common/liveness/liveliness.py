@@ -122,14 +122,20 @@ def _qos() -> QoSProfile:
     )
 
 
+def tells_liveliness() -> bool:
+    """Return whether the middleware of this process tells liveliness: that of a console on a radio does not."""
+    file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
+    return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
+
+
 def _check_profile() -> None:
     """Fast DDS would end the process without a word.
 
     Raises:
         RuntimeError: the profile in use turns the protocol off by which liveliness is told.
     """
-    file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
-    if file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'):
+    if not tells_liveliness():
+        file = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
         raise RuntimeError(
             f'{file} turns the liveliness protocol off, which the nodes of a robot need; '
             'set FASTRTPS_DEFAULT_PROFILES_FILE to another profile (radio_robot.xml beside radio_console.xml)'

@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -459,7 +460,6 @@ def test_a_server_with_a_token_that_is_killed_loses_the_goal_at_once_and_the_nex
     if is_restarted:
         children.append(start_child('token'))
     assert done.wait().status is GoalStatus.LOST
-    assert 'does not know' not in done.wait().reason, 'the token tells, not the next server'
     if not is_restarted:
         # Until the lease of its participant is over, the middleware shows the server that was killed.
         assert client.call(link.is_shown) and not client.call(link.is_ready)
@@ -517,6 +517,24 @@ def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerL
     finally:
         with child:
             child.kill()
+
+
+def test_where_the_middleware_tells_no_liveliness_servers_are_judged_by_the_graph(
+    client: NodeRuntime, children: list[PythonProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a console on a radio: a token cannot be watched there."""
+    profile = tmp_path / 'profile.xml'
+    profile.write_text('<use_WriterLivelinessProtocol>false</use_WriterLivelinessProtocol>')
+    children.append(start_child('token'))
+    with monkeypatch.context() as patch:
+        patch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+        link = ActionLinks(client).link(Wait, 'wait')
+        done, accepted = Done(), threading.Event()
+        one = call(link, done, on_accepted=accepted.set)
+        assert accepted.wait(DEADLINE)
+        one.cancel(timeout=DEADLINE)
+        assert done.wait().status is GoalStatus.CANCELED
+    assert not client.node.count_subscribers('/scripted/alive')
 
 
 def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal(link: ActionServerLink) -> None:

@@ -157,26 +157,28 @@ class ScriptedActionServer:
         return result
 
 
+class _TellingServer(ScriptedActionServer):
+    """Prints what it is asked."""
+
+    def _goal(self, goal: Any) -> GoalResponse:
+        print('goal', flush=True)
+        return super()._goal(goal)
+
+    def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        print('cancel', flush=True)
+        return super()._cancel(handle)
+
+
 def main() -> int:
     """Serve ``wait`` until the process is stopped."""
 
     async def never(_request: Any, _response: Any) -> Any:
         await Future()
 
-    def accept(_goal: Any) -> bool:
-        print('goal', flush=True)
-        return True
-
     def setup(runtime: NodeRuntime) -> None:
-        server = ScriptedActionServer(runtime, Wait, 'wait', accept=accept)
-
-        def cancel(_handle: ServerGoalHandle) -> CancelResponse:
-            print('cancel', flush=True)
-            if 'stubborn' not in sys.argv:
-                server.end(server.running[-1], 'canceled')
-            return CancelResponse.ACCEPT
-
-        server.on_cancel = cancel
+        server = _TellingServer(runtime, Wait, 'wait')
+        if 'stubborn' in sys.argv:
+            server.delay_cancel = 1e6
         if 'token' in sys.argv:
             LivelinessToken(runtime).set_ready(True)
         runtime.call(lambda: runtime.node.create_service(Trigger, 'held', never))
