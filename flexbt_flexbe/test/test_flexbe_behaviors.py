@@ -94,15 +94,17 @@ def test_behaviors_are_found_by_their_manifests_with_all_kinds_of_parameters(pac
     assert (message.name, message.package, message.author) == ('Patrol', package.name, 'Somebody')
     assert message.description == 'Goes round. And greets.'
     assert [
-        (one.name, one.type, one.default_value, list(one.choices), one.description) for one in message.parameters
+        (one.name, one.type, one.default_value, list(one.choices), one.label, one.description)
+        for one in message.parameters
     ] == [
-        ('rounds', 'float', '2.0', [], 'Rounds: How often'),
-        ('speed', 'float', '0.5', [], 'Speed: m/s'),
-        ('is_loud', 'bool', 'false', [], 'Loud'),
-        ('mode', 'string', 'slow', ['slow', 'fast'], 'Mode'),
-        ('title', 'string', '', [], 'Title'),
-        ('places', 'string', '', [], 'Places'),
+        ('rounds', 'float', '2.0', [], 'Rounds', 'How often'),
+        ('speed', 'float', '0.5', [], 'Speed', 'm/s'),
+        ('is_loud', 'bool', 'false', [], 'Loud', ''),
+        ('mode', 'string', 'slow', ['slow', 'fast'], 'Mode', ''),
+        ('title', 'string', '', [], 'Title', ''),
+        ('places', 'string', '', [], 'Places', ''),
     ]
+    assert (message.parameters[0].minimum, message.parameters[0].maximum) == ('1', '5')
     assert message.error == ''
 
 

@@ -135,8 +135,16 @@ def behaviors_record(message: BehaviorList) -> records.BehaviorList:
                         parameter.default_value,
                         tuple(parameter.choices),
                         parameter.description,
+                        parameter.label,
+                        parameter.unit,
+                        parameter.minimum,
+                        parameter.maximum,
                     )
                     for parameter in behavior.parameters
+                ),
+                inputs=tuple(
+                    records.BehaviorInput(known.key, known.type, known.description, known.needed)
+                    for known in behavior.inputs
                 ),
                 error=behavior.error,
             )

@@ -75,6 +75,7 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.ActiveState: mirror.ActiveState,
     msg.BehaviorList: mirror.BehaviorList,
     msg.BehaviorManifest: mirror.Behavior,
+    msg.BehaviorInput: mirror.BehaviorInput,
     msg.BehaviorParameter: mirror.BehaviorParameter,
     msg.BehaviorStructure: mirror.Structure,
     msg.BlackboardEntry: mirror.InputValue,

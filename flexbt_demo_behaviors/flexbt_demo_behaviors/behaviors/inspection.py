@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from flexbt_core.state_machine import Autonomy, OperatableStateMachine
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.behaviors import Behavior, BehaviorInput, BehaviorManifest, BehaviorParameter
 from flexbt_states import BtExecuteState, CalculationState, LogKeyState, OperatorDecisionState, WaitState
 
 TREE = 'flexbt_demo_behaviors/trees/inspection.xml'
@@ -19,7 +19,7 @@ class Inspection(Behavior):
         author='The FlexBT developers',
         parameters=[
             BehaviorParameter('site', 'gate', 'what to inspect'),
-            BehaviorParameter('duration', 2.0, 'seconds that the inspection takes'),
+            BehaviorParameter('duration', 2.0, 'how long the inspection takes', unit='s', minimum=0.0),
         ],
     )
 
@@ -57,7 +57,8 @@ class InspectSite(Behavior):
         name='Inspect Site',
         description='Inspect one site and report.',
         author='The FlexBT developers',
-        parameters=[BehaviorParameter('duration', 2.0, 'seconds that the inspection takes')],
+        parameters=[BehaviorParameter('duration', 2.0, 'how long the inspection takes', unit='s', minimum=0.0)],
+        inputs=[BehaviorInput('site', 'string', 'what to inspect', needed=True)],
     )
 
     duration: float

@@ -79,10 +79,7 @@ class HostedBehavior(Behavior):
         parameter = next((one for one in self._source.parameters if one.name == name), None)
         if parameter is None:
             return text  # of the code, or of an embedded behavior: that says the type
-        declared = parameter.declared.from_text(text)
-        if isinstance(declared, float):
-            _check_limits(parameter, declared)
-        return _content(parameter, declared)
+        return _content(parameter, parameter.declared.from_text(text))
 
 
 def load_class(source: FlexbeManifest) -> type[Any]:
@@ -123,10 +120,3 @@ def _content(parameter: FlexbeParameter, value: Any) -> Any:
     if parameter.kind is ParameterKind.YAML and is_yaml_file(str(value)):
         return from_yaml_file(parameter.name, str(value))
     return value
-
-
-def _check_limits(parameter: FlexbeParameter, value: float) -> None:
-    low, high = parameter.minimum, parameter.maximum
-    if (low is not None and value < low) or (high is not None and value > high):
-        shown = f'{"-inf" if low is None else f"{low:g}"} to {"inf" if high is None else f"{high:g}"}'
-        raise ParameterError(f'parameter {parameter.name!r}: {value:g} is outside of its limits {shown}')

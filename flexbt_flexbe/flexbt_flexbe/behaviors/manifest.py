@@ -29,13 +29,11 @@ class ParameterKind(Enum):
 
 @dataclass(frozen=True)
 class FlexbeParameter:
-    """One parameter. ``minimum`` and ``maximum`` limit a numeric one; None for no limit."""
+    """One parameter."""
 
     name: str
     kind: ParameterKind
     declared: BehaviorParameter
-    minimum: float | None = None
-    maximum: float | None = None
 
 
 @dataclass(frozen=True)
@@ -99,15 +97,16 @@ def _parameter(file: Path, element: ElementTree.Element) -> FlexbeParameter:
     except ValueError:
         kinds = ', '.join(kind.value for kind in ParameterKind)
         raise FlexbeManifestError(f'{file}: parameter {name!r} has type {element.get("type")!r}, not {kinds}') from None
-    description = ': '.join(filter(None, (element.get('label'), element.get('hint'))))
-    minimum, maximum = _limit(element, 'min'), _limit(element, 'max')
+    label, hint = element.get('label') or '', element.get('hint') or ''
     choices = [option.get('value') or '' for option in element.iterfind('option')] if kind is ParameterKind.ENUM else []
     default: ParameterValue = text
     if kind is ParameterKind.NUMERIC:
         default = float(text or 0)
     elif kind is ParameterKind.BOOLEAN:
         default = text.strip().lower() in ('true', '1')
-    return FlexbeParameter(name, kind, BehaviorParameter(name, default, description, choices), minimum, maximum)
+    minimum, maximum = _limit(element, 'min'), _limit(element, 'max')
+    declared = BehaviorParameter(name, default, hint, choices, label, minimum=minimum, maximum=maximum)
+    return FlexbeParameter(name, kind, declared)
 
 
 def _limit(element: ElementTree.Element, tag: str) -> float | None:

@@ -1,7 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What an installed behavior is, how one is built, and what its states get from their host."""
 
-from .behavior import Behavior, BehaviorManifest, BehaviorParameter, OperatorGone, ParameterValue, parameter_text
+from .behavior import (
+    Behavior,
+    BehaviorInput,
+    BehaviorManifest,
+    BehaviorParameter,
+    OperatorGone,
+    ParameterValue,
+    parameter_text,
+)
 from .behavior_library import BehaviorEntry, BehaviorLibrary, described
 from .machine_behavior import MachineBehavior, machine_entry, state_modules, states_of
 from .offline_building import building
@@ -22,6 +30,7 @@ __all__ = [
     'READY_SECONDS',
     'Behavior',
     'BehaviorEntry',
+    'BehaviorInput',
     'BehaviorLibrary',
     'BehaviorManifest',
     'BehaviorParameter',

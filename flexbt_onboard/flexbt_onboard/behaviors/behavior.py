@@ -32,7 +32,8 @@ class BehaviorParameter:
     """A parameter that can be set when a behavior is started.
 
     The type is that of ``default``: bool, int, float or str. ``choices`` limits the values; it is empty when
-    any value of the type will do.
+    any value of the type will do. ``minimum`` and ``maximum`` limit a number, None for no limit. An operator reads
+    ``label`` (or else the name), ``unit`` and ``description``.
 
     Raises:
         ManifestError: the name is no Python identifier, or default and choices do not fit together.
@@ -42,6 +43,10 @@ class BehaviorParameter:
     default: ParameterValue
     description: str = ''
     choices: Sequence[ParameterValue] = ()
+    label: str = ''
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'choices', tuple(self.choices))
@@ -80,7 +85,7 @@ class BehaviorParameter:
         """Check a value that has a type already; an int is taken for a float.
 
         Raises:
-            ParameterError: another type, or none of the choices.
+            ParameterError: another type, none of the choices, or beyond the limits.
         """
         if self.type == 'float' and type(value) is int:
             value = float(value)
@@ -93,12 +98,33 @@ class BehaviorParameter:
             raise ParameterError(
                 f'parameter {self.name!r}: {parameter_text(value)!r} is none of its choices ({allowed})'
             )
+        if not isinstance(value, bool | str):
+            low, high = self.minimum, self.maximum
+            if (low is not None and value < low) or (high is not None and value > high):
+                limits = f'{-math.inf if low is None else low:g} to {math.inf if high is None else high:g}'
+                raise ParameterError(f'parameter {self.name!r}: {value:g} is outside of its limits {limits}')
         return value
+
+
+@dataclass(frozen=True)
+class BehaviorInput:
+    """An input userdata key of a behavior, for the form in which an operator starts it.
+
+    ``type`` is as in BlackboardEntry (``string``, ``geometry_msgs/PoseStamped``); empty for any. ``needed``: the
+    machine has no default for it.
+    """
+
+    key: str
+    type: str = ''
+    description: str = ''
+    needed: bool = False
 
 
 @dataclass(frozen=True)
 class BehaviorManifest:
     """What a behavior says of itself: the unique name by which it is started, and what the operator should know.
+
+    ``inputs`` declares the input userdata of its machine, so that consoles can ask for each.
 
     Raises:
         ManifestError: no name, or two parameters of the same name.
@@ -108,9 +134,11 @@ class BehaviorManifest:
     description: str = ''
     author: str = ''
     parameters: Sequence[BehaviorParameter] = ()
+    inputs: Sequence[BehaviorInput] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'parameters', tuple(self.parameters))
+        object.__setattr__(self, 'inputs', tuple(self.inputs))
         if not self.name.strip() or '/' in self.name:
             raise ManifestError(f'behavior {self.name!r}: the name must not be empty or contain "/"')
         names = [parameter.name for parameter in self.parameters]

@@ -15,6 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
 from flexbt_core.values import hint, shown
+from flexbt_msgs.msg import BehaviorInput as BehaviorInputMessage
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
 from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, UnknownBehaviorError
@@ -66,8 +67,16 @@ class BehaviorEntry:
                     default_value=parameter_text(parameter.default),
                     choices=[parameter_text(choice) for choice in parameter.choices],
                     description=parameter.description,
+                    label=parameter.label,
+                    unit=parameter.unit,
+                    minimum='' if parameter.minimum is None else f'{parameter.minimum:.15g}',
+                    maximum='' if parameter.maximum is None else f'{parameter.maximum:.15g}',
                 )
                 for parameter in self.parameters
+            ],
+            inputs=[
+                BehaviorInputMessage(key=known.key, type=known.type, description=known.description, needed=known.needed)
+                for known in self.manifest.inputs
             ],
             error=self.error,
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_onboard.behaviors import BehaviorLibrary
-from flexbt_onboard.errors import BrokenBehaviorError, UnknownBehaviorError
+from flexbt_onboard.errors import BrokenBehaviorError, ParameterError, UnknownBehaviorError
 
 GOOD = """
 from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter
@@ -56,6 +56,21 @@ def test_a_behavior_is_found_with_its_manifest(install: Install) -> None:
     assert [(p.name, p.type, p.default_value) for p in message.parameters] == [('speed', 'float', '0.5')]
     assert message.error == ''
     assert entry.instantiate() is not entry.instantiate()
+
+
+def test_consoles_get_all_that_a_form_needs(install: Install) -> None:
+    told = "BehaviorParameter('speed', 0.5, 'with a load', label='Top speed', unit='m/s', minimum=0, maximum=1.25)"
+    inputs = "inputs=[BehaviorInput('goal', 'geometry_msgs/PoseStamped', 'where to', needed=True)]"
+    source = GOOD.format(name='Patrol').replace("BehaviorParameter('speed', 0.5, 'm/s')]", f'{told}], {inputs}')
+    install('patrols', {'patrol': source.replace('import Behavior,', 'import Behavior, BehaviorInput,')})
+    entry = BehaviorLibrary.discover().find('Patrol')
+    message, behavior = entry.to_message(), entry.instantiate()
+    (speed,), (goal,) = message.parameters, message.inputs
+    assert (speed.label, speed.unit, speed.minimum, speed.maximum) == ('Top speed', 'm/s', '0', '1.25')
+    assert (goal.key, goal.type, goal.needed) == ('goal', 'geometry_msgs/PoseStamped', True)
+    behavior.set_arguments([('speed', '1.25')])
+    with pytest.raises(ParameterError, match='1.5 is outside of its limits 0 to 1.25'):
+        behavior.set_arguments([('speed', '1.5')])
 
 
 @pytest.mark.parametrize(

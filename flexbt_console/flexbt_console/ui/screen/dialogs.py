@@ -146,8 +146,9 @@ class ChoiceList(ModalScreen[int | None]):
             getattr(options, f'action_{move}')()
         before, option = self._marked, options.highlighted_option
         self._marked = int(str(option.id)) if option is not None else None
-        for number in {before, self._marked} - {None}:
-            options.replace_option_prompt(str(number), self._row(int(number)))
+        for number in (before, self._marked):
+            if number is not None:
+                options.replace_option_prompt(str(number), self._row(number))
 
     def action_choose(self) -> None:
         """Choose the entry that was marked, or whose name was typed; of anything else, say what is missing."""
