@@ -204,6 +204,7 @@ class RunStream:
         self._flush(always=True)
 
     def _flush(self, always: bool = False, finished: bool = False) -> None:
+        fault: Exception | None = None
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()
@@ -218,7 +219,9 @@ class RunStream:
                     if count or always:
                         self._send(count, changes, finished and is_last)
             except Exception as error:
-                self._stop(error)
+                fault = error
+        if fault is not None:
+            self._stop(fault)
 
     def _stop(self, error: Exception) -> None:
         """A message could not be sent. The tree runs on, watched or not."""
