@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executables of the package, by their names: each loads its module when it is run."""
 
-from flexbt_common.executables import run_main
+from flexbt_common.executables import NODE_BYTES, run_main
 
 
 def bt_server() -> int:
     """See :mod:`flexbt_server.node.bt_server`; gives the exit code."""
-    return run_main('flexbt_server.node.bt_server')
+    return run_main('flexbt_server.node.bt_server', address_space=NODE_BYTES)

@@ -3,7 +3,10 @@
 
 import sys
 
-from flexbt_common.executables import run_main
+from flexbt_common.executables import NODE_BYTES, run_main
+
+SIMULATION_BYTES = 2_000_000_000
+"""Of address space, which these take beside the compiler of their loops."""
 
 SWITCH_INTERVAL = 0.001
 """After so many seconds a thread that computes, such as one that plans, lets the next one go on that wants to: the one
@@ -27,12 +30,12 @@ def simulation() -> int:
 
 def lifecycle_manager() -> int:
     """See :mod:`flexbt_sim.nodes.lifecycle_manager`; gives the exit code."""
-    return run_main('flexbt_sim.nodes.lifecycle_manager')
+    return run_main('flexbt_sim.nodes.lifecycle_manager', address_space=NODE_BYTES)
 
 
 def _run_threads(module: str) -> int:
     sys.setswitchinterval(SWITCH_INTERVAL)
-    return run_main(module)
+    return run_main(module, address_space=SIMULATION_BYTES)
 
 
 def world_tool() -> int:

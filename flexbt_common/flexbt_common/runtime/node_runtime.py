@@ -649,7 +649,8 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
         in_time.start()
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
-    faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
+    with contextlib.suppress(RuntimeError):
+        faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
     runtime.close()
     in_time.cancel()
 

@@ -374,7 +374,8 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     finally:
         _ignore_signals()
         # Should the middleware hang while it ends, the process ends all the same, and tells where.
-        faulthandler.dump_traceback_later(_CLOSE_SECONDS, exit=True, file=2)
+        with contextlib.suppress(RuntimeError):  # no thread is left for it
+            faulthandler.dump_traceback_later(_CLOSE_SECONDS, exit=True, file=2)
         runtime.close()
         faulthandler.cancel_dump_traceback_later()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import importlib
 import re
+import resource
+import subprocess
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -24,7 +26,7 @@ from flexbt_common.values import check_limits
 from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.system.probe import Probe
-from flexbt_testing.system.processes import Stack
+from flexbt_testing.system.processes import Stack, executable
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 MEMORY = 450
@@ -48,6 +50,21 @@ CUTS_OFF = frozenset(
     )
 )
 """Topics whose flooders are cut off by the middleware."""
+
+
+@pytest.mark.parametrize('name', ['simulation', *NODES])
+def test_a_node_that_may_have_too_little_address_space_ends_with_a_sentence(name: str) -> None:
+    limit = 800_000_000
+    done = subprocess.run(
+        [executable(name)],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+    )
+    assert done.returncode == 1 and done.stderr.count('\n') == 1, done
+    assert done.stderr.startswith(f'{name}: the limit of address space is 800 MB (ulimit -v)'), done.stderr
 
 
 @pytest.fixture(scope='module')
