@@ -343,8 +343,10 @@ class Journal:
         descriptor = open_private(guard, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except OSError as error:
             os.close(descriptor)
+            if not isinstance(error, BlockingIOError):  # a file system without locks, for one
+                raise
             raise OSError(
                 'it is in use by another executive of the same name; give them directories of their own, or names'
             ) from None

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import math
 import os
@@ -322,6 +323,17 @@ def test_a_switch_that_comes_beside_the_stop_does_not_begin_the_run_again(tmp_pa
     journal.append([('switch', 1, '')], run='r', position=position_of('/B'), begin=begin_of('r'))
     assert journal.state.begin is None and journal.state.position is None
     assert 'switch' in journal.state.commands
+
+
+def test_a_file_system_without_locks_is_told_as_what_it_is(
+    tmp_path: Path, opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, 'No locks available')
+
+    monkeypatch.setattr(fcntl, 'flock', fail)
+    with pytest.raises(OnboardError, match='No locks available'):
+        opened(tmp_path / 'e.journal')
 
 
 def test_two_executives_do_not_share_a_journal(tmp_path: Path, opened: Any) -> None:
