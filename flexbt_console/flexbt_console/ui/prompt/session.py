@@ -236,7 +236,11 @@ class Prompt:
             elif isinstance(done, Reading):
                 self._print(done.text)
             elif done is not None:
-                threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True).start()
+                asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
+                try:
+                    asking.start()
+                except RuntimeError as error:  # no thread is left
+                    self._print(_warned([f'{one_line(text)}: {error}; nothing was asked']))
             return meaning.local is not Local.QUIT
         return True
 

@@ -499,7 +499,11 @@ class OperatorScreen(OrderedApp):
         elif isinstance(done, Reading):
             self._read(done)
         elif done is not None:
-            threading.Thread(target=self._ask, args=(done, self._station.link), name='ask', daemon=True).start()
+            asking = threading.Thread(target=self._ask, args=(done, self._station.link), name='ask', daemon=True)
+            try:
+                asking.start()
+            except RuntimeError as error:  # no thread is left
+                raise RefusedError(f'{error}; nothing was asked') from error
         elif meaning.local is Local.QUIT:
             self.exit()
 
