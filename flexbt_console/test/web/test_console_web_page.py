@@ -28,6 +28,9 @@ from flexbt_console.mirror import (
     Peer,
     Pose,
     StatusChange,
+    Subject,
+    Subjects,
+    SubjectValue,
 )
 from flexbt_testing.waiting import wait_until
 
@@ -226,6 +229,48 @@ def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
             'return sent.map((one) => one.decision)'
         )
         assert answered == ['a']
+
+
+COUNT_PLAN_PIXELS = """
+const canvas = document.getElementById('map');
+const colour = getComputedStyle(document.documentElement).getPropertyValue('--plan').trim();
+const [red, green, blue] = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+let count = 0;
+for (let at = 0; at < data.length; at += 4) {
+  count += data[at] === red && data[at + 1] === green && data[at + 2] === blue;
+}
+return count;
+"""
+
+
+def test_what_was_not_received_is_said_and_answered_only_by_who_insists(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))  # of something else
+    judged = dataclasses.replace(PLAN, subject=('path', NASTY), subject_number=1)
+    robot.show(judged)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('decision-body', f'path, {NASTY} NOT RECEIVED: what you are asked about is not shown')
+        browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) == 0)
+        browser.until_it_may_be_answered()
+        for _ in range(2):
+            browser.driver.find_element(By.CSS_SELECTOR, '[data-choice=failed]').click()
+            browser.until_text('told', 'not received; nothing was sent')
+        browser.run('document.body.focus()')
+        assert robot.sent == []
+        path = SubjectValue('path', 'nav_msgs/msg/Path', points=((0.5, 0.5), (3.5, 0.5), (3.5, 2.5)))
+        robot.mirror.receive_subjects(Subjects('e', (Subject(judged.id, 1, (path, SubjectValue(NASTY, text=NASTY))),)))
+        browser.until_text('decision-body', f'about path: 5.0 m to x 3.50 y 2.50; {NASTY}: {NASTY}')
+        browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) > 100)
+        assert browser.driver.find_elements(By.ID, 'unseen') == []
+        robot.mirror.receive_subjects(Subjects('e'))  # it is lost: another executive has said so
+        browser.until(lambda: browser.driver.find_elements(By.ID, 'unseen'))
+        browser.driver.find_element(By.ID, 'unseen').click()
+        browser.driver.find_element(By.CSS_SELECTOR, '[data-choice=failed]').click()
+        (sent,) = robot.wait_sent(1)
+        assert (sent.kind, sent.outcome) == (CommandKind.FORCE, 'failed')
 
 
 def test_everything_can_be_done_by_keys(browser: Browser) -> None:
@@ -548,7 +593,7 @@ def test_a_page_that_names_no_robot_goes_to_the_first_that_is_found(browser: Bro
     robots = WebRobots({})
     with served(robots) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
-        browser.until_text('link', 'NO EXECUTIVE')
+        browser.until_text('link', 'LISTENING')
         robots.come('/first', WebRobot().station())
         browser.until_live()
         assert browser.run('return new URL(location).searchParams.get("robot")') == '/first'
