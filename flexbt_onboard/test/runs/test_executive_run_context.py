@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
-import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import pytest
 
+from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import Severity
-from flexbt_onboard.behaviors import RunContext, current_run
+from flexbt_onboard.behaviors import RunContext, StateServices, current_run
 from flexbt_onboard.errors import OnboardError
 
 
@@ -17,24 +20,42 @@ def context() -> RunContext:
     return RunContext(lambda: None, lambda *_: None)  # type: ignore[arg-type,return-value]
 
 
-def test_a_run_is_known_on_its_thread_only_and_only_while_it_lasts() -> None:
-    seen: list[Any] = []
+def on_another_thread(function: Callable[[], Any]) -> Any:
+    with ThreadPoolExecutor(1) as threads:
+        return threads.submit(function).result()
 
-    def elsewhere() -> None:
-        with pytest.raises(OnboardError):
-            current_run()
+
+def test_a_run_is_known_on_its_thread_and_only_while_it_lasts() -> None:
+    def elsewhere() -> RunContext:
         with context().entered():
-            seen.append(current_run())
+            return current_run()
 
     run = context()
     with run.entered():
-        thread = threading.Thread(target=elsewhere)
-        thread.start()
-        thread.join()
+        assert on_another_thread(elsewhere) is not run
         assert current_run() is run
-        assert seen and seen[0] is not run
-    with pytest.raises(OnboardError):
+    with pytest.raises(OnboardError, match='it has none'):
         current_run()
+
+
+def test_a_thread_of_users_code_is_of_the_run_if_there_is_one_only() -> None:
+    run = context()
+    with run.entered():
+        assert on_another_thread(current_run) is run
+        with context().entered(), pytest.raises(OnboardError, match='it has 2'):
+            on_another_thread(current_run)
+
+
+def test_callbacks_of_the_node_belong_to_the_run_whose_services_it_has_given() -> None:
+    with NodeRuntime.open('first') as first, NodeRuntime.open('second') as second:
+        runs = [RunContext(partial(StateServices.of, runtime), lambda *_: None) for runtime in (first, second)]
+        with runs[0].entered(), runs[1].entered():
+            for run, runtime in zip(runs, (first, second), strict=True):
+                assert run.services.runtime is runtime
+                assert runtime.call(current_run) is run
+        for runtime in (first, second):
+            with pytest.raises(OnboardError):
+                runtime.call(current_run)
 
 
 def test_what_is_shared_is_made_once_for_each_run_and_closed_in_reverse_order() -> None:

@@ -446,7 +446,7 @@ def test_what_a_state_says_it_does_is_short_for_the_link(make_bench: Make) -> No
     assert '99800 characters left out' in lines[0]
     assert lines[1] == 'line 0' and lines[-1] == '... 81 more'
     (decision,) = bench.status.decisions
-    assert decision.prompt.startswith('?qq') and 'characters left out' in decision.prompt
+    assert decision.prompt.startswith('\ufffdqq') and 'characters left out' in decision.prompt
     check_limits(bench.status)
 
 
