@@ -503,6 +503,29 @@ def test_who_says_nothing_keeps_nobody_out() -> None:
         asyncio.run(run(port))
 
 
+@pytest.mark.parametrize(
+    ('error', 'word'),
+    [(KeyError('/robot'), 'NO SUCH ROBOT'), (RuntimeError("can't start new thread"), 'TRY AGAIN')],
+)
+def test_a_robot_that_cannot_be_opened_is_told_to_its_page(error: Exception, word: str) -> None:
+    class Unopened(WebRobots):
+        """Robots that were forgotten just now, or for which no thread is left."""
+
+        def open(self, name: str) -> None:
+            raise error
+
+        def close(self, name: str) -> None:
+            raise AssertionError(name)
+
+    async def run(port: int) -> None:
+        async with page(port) as opened:
+            await opened.until(lambda: any('refused' in one for one in opened.messages))
+            assert opened.messages[-1]['refused']['word'] == word
+
+    with served(Unopened({'/robot': WebRobot().station()})) as port:
+        asyncio.run(run(port))
+
+
 def test_who_guesses_the_token_waits_and_others_do_not() -> None:
     now = [0.0]
     wrong = WrongTokens(lambda: now[0])

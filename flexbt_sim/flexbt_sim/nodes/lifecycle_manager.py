@@ -142,17 +142,23 @@ class LifecycleManager:
         node.create_service(Trigger, '~/is_active', self._tell_active, callback_group=group)
 
     async def _manage(self, request: Any, response: Any) -> Any:
-        response.success = await self._in_thread(lambda: self._carry_out(request.command))
+        try:
+            response.success = await self._in_thread(lambda: self._carry_out(request.command))
+        except RuntimeError as error:
+            self._runtime.node.get_logger().error(f'a command was not carried out: {error}')
         return response
 
     async def _tell_active(self, _request: Any, response: Any) -> Any:
         """By their own word: a node that has died since it was brought up is not active."""
-        response.message = await self._in_thread(self._inactive)
+        try:
+            response.message = await self._in_thread(self._inactive)
+        except RuntimeError as error:
+            response.message = f'it cannot be found out: {error}'
         response.success = not response.message
         return response
 
     async def _in_thread(self, work: Callable[[], T]) -> T:
-        """What ``work`` gives, which asks others and waits for them."""
+        """What ``work`` gives, which asks others and waits for them. Raises RuntimeError when no thread is left."""
         done = Future(executor=self._runtime.node.executor)
 
         def run() -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 from typing import Any
 
@@ -77,6 +78,27 @@ def test_nodes_are_brought_down_and_up_in_their_order() -> None:
         ):
             bench.told.clear()
             assert manage_and_see(bench, command) == (is_done, told, {state}, active), command
+
+
+def test_a_command_for_which_no_thread_is_left_fails_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = threading.Thread.start
+
+    def start(thread: threading.Thread) -> None:
+        if thread.name == 'manage_nodes':
+            raise RuntimeError("can't start new thread")
+        begin(thread)
+
+    with (
+        NodeRuntime.open('host') as host,
+        NodeRuntime.open(MANAGER, parameters={'node_names': list(NODES)}) as manager,
+        NodeRuntime.open('person') as person,
+    ):
+        bench = Bench(host, manager, person)
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, 'start', start)
+            assert not bench.manage(Command.PAUSE)
+            assert bench.is_active() == (False, "it cannot be found out: can't start new thread")
+        assert bench.is_active() == (True, '')
 
 
 def manage_and_see(bench: Bench, command: int) -> tuple[bool, list[tuple[str, bool]], set[str], tuple[bool, str]]:

@@ -587,7 +587,10 @@ class OperatorScreen(OrderedApp):
         """Go to another robot: all panes show it, and all commands are for it."""
         if self._robots is None or name == self._robot:
             return
-        mirror, link = self._robots.select(name)
+        try:
+            mirror, link = self._robots.select(name)
+        except KeyError:
+            raise RefusedError(f'{one_line(name)} was forgotten: it has been gone for long') from None
         self._station = replace(self._station, mirror=mirror, link=link)
         self._robot = name
         self._turned_to = ''

@@ -15,7 +15,7 @@ from aiohttp import web
 from flexbt_common.pictures import STYLE
 from flexbt_console.commands import CommandedRobot
 from flexbt_console.mirror import Mirror
-from flexbt_core.values import hint, shown
+from flexbt_core.values import hint, one_line, shown
 
 from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 from .drawings import Drawings
@@ -131,7 +131,14 @@ class WebServer:
             return socket
         self._pages[page] = robot
         try:
-            await asyncio.to_thread(self._robots.open, robot)
+            try:
+                await asyncio.to_thread(self._robots.open, robot)
+            except KeyError:  # it was forgotten just now
+                await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
+                return socket
+            except (RuntimeError, TimeoutError) as error:  # no thread is left, or the node is busy
+                await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
+                return socket
             try:
                 station = self._station(*self._robots.robot(robot))
                 if robot not in self._pictures:
@@ -151,7 +158,7 @@ class WebServer:
         if name:
             return next((one for one in (name, f'/{name}') if one in known), None)
         own = self._robots.own
-        return own if own in known or not known else self._robots.fleet.overview()[0].name
+        return own if own in known else next((one.name for one in self._robots.fleet.overview()), own)
 
     def _not_found(self, name: str) -> str:
         meant = hint(f'/{name.strip("/")}', self._robots.fleet.names)
