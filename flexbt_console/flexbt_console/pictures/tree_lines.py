@@ -21,6 +21,9 @@ _TONES: Final = {
     NodeStatus.SKIPPED: Tone.DIM,
 }
 
+HELD_SECONDS: Final = 5.0
+"""A node that has ended counts as of now for this time: one that is ticked at a rate keeps its line in between."""
+
 SHOWN_SECONDS: Final = 1.0
 """A status that has held for less time is shown without it."""
 
@@ -29,18 +32,27 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
 
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
-    reason of a failure stays to be seen.
+    reason of a failure stays to be seen. Where there is no room for all, controls and decorators without a name of
+    their own are left out, and what is below nodes that have not run lately; then what has not run lately and has not
+    failed; and at last all that does not act.
     """
     if rows <= 0:
         return []
     nodes = _in_order(run, lambda node: True)
-    if len(nodes) > rows - 1:  # what is below a node that does not run is not of now
-        nodes = _in_order(run, lambda node: run.status(node.uid) is NodeStatus.RUNNING)
     if len(nodes) > rows - 1:
-        nodes = [one for one in nodes if run.status(one[0].uid) in (NodeStatus.RUNNING, NodeStatus.FAILURE)]
+        nodes = _in_order(run, lambda node: _is_of_now(run, node), is_left_out=_is_structure)
+    if len(nodes) > rows - 1:
+        nodes = [
+            (node, depth)
+            for node, depth in nodes
+            if _is_of_now(run, node) or run.status(node.uid) is NodeStatus.FAILURE
+        ]
+    if len(nodes) > rows - 1:
+        nodes = [(node, depth) for node, depth in nodes if _acts(run, node)]
     lines = [_node_line(run, node, depth, signs) for node, depth in nodes]
     acting = set(run.running_leaves)
     marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
+    marked = marked or [place for place, (node, _) in enumerate(nodes) if _is_of_now(run, node)]
     shown = window(lines, marked[-1] if marked else 0, rows - 1)
     title = _title(run)
     return [Line(cut(title, columns), tone_of(title)), *(_cut_line(line, columns) for line in shown)]
@@ -73,13 +85,13 @@ def chains_of_failures(run: TreeRun) -> list[list[TreeNode]]:
 
 
 def acting_lines(run: TreeRun) -> list[str]:
-    """Each leaf that acts, with the time that it has taken and all that it is in, the nearest first."""
+    """Each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first."""
     nodes = {node.uid: node for node in run.nodes}
     shown = []
     for uid in run.running_leaves:
         around, below, parent = [], uid, nodes[uid].parent
         while parent in nodes and parent < below:  # there is no ring
-            around.append(one_line(nodes[parent].name))
+            around += [] if _is_structure(nodes[parent]) else [one_line(nodes[parent].name)]
             below, parent = parent, nodes[parent].parent
         inside = f'  in {", ".join(around)}' if around else ''
         shown.append(f'{one_line(nodes[uid].name)}  {run.seconds(uid):.0f} s{inside}')
@@ -108,8 +120,29 @@ def _title(run: TreeRun) -> str:
     return Line(f'tree {one_line(run.tree)}  {state}{left_out}', Tone.WARNING if run.paused else Tone.PLAIN)
 
 
-def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[TreeNode, int]]:
-    """The nodes with their depth, each before its children, those below nodes that are not open left out."""
+def _is_of_now(run: TreeRun, node: TreeNode) -> bool:
+    """Whether a node runs, or has run within :data:`HELD_SECONDS`."""
+    if run.status(node.uid) is NodeStatus.RUNNING:
+        return True
+    return run.shown_status(node.uid) is not NodeStatus.IDLE and run.seconds(node.uid) < HELD_SECONDS
+
+
+def _acts(run: TreeRun, node: TreeNode) -> bool:
+    """Whether a node does what the tree does now: it is of now, no condition, and has not failed."""
+    has_failed = run.status(node.uid) is NodeStatus.FAILURE
+    return _is_of_now(run, node) and node.kind is not NodeKind.CONDITION and not has_failed
+
+
+def _is_structure(node: TreeNode) -> bool:
+    """Whether a node only holds others together: a control or decorator that has no name of its own."""
+    return node.kind in (NodeKind.CONTROL, NodeKind.DECORATOR) and node.name in ('', node.registration)
+
+
+def _in_order(
+    run: TreeRun, is_open: Callable[[TreeNode], bool], is_left_out: Callable[[TreeNode], bool] = lambda node: False
+) -> list[tuple[TreeNode, int]]:
+    """Return the nodes with their depth, each before its children; not those below nodes that are not open. Children
+    of a node that is left out take its place."""
     children: dict[int, list[TreeNode]] = {}
     for node in run.nodes:
         children.setdefault(node.parent, []).append(node)
@@ -117,9 +150,10 @@ def _in_order(run: TreeRun, is_open: Callable[[TreeNode], bool]) -> list[tuple[T
     waiting = [(node, 0) for node in reversed(children.get(0, []))]
     while waiting:
         node, depth = waiting.pop()
-        ordered.append((node, depth))
+        is_shown = not is_left_out(node)
+        ordered += [(node, depth)] if is_shown else []
         if is_open(node):
-            waiting += [(child, depth + 1) for child in reversed(children.get(node.uid, []))]
+            waiting += [(child, depth + is_shown) for child in reversed(children.get(node.uid, []))]
     return ordered
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from flexbt_console.mirror import (
@@ -13,9 +14,11 @@ from flexbt_console.mirror import (
     Snapshot,
     StatusChange,
     TreeNode,
+    TreeRun,
     Trees,
     View,
 )
+from flexbt_console.pictures import ASCII, acting_lines, tree_lines
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 TRUNK = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'reach', 'ReachGoal', kind=NodeKind.ACTION)]
@@ -71,3 +74,51 @@ def test_statuses_of_nodes_that_are_not_known_yet_are_shown_on_no_others() -> No
     structure(trees, 2, [*SECOND, TreeNode(4, 2, 'put', 'PutDown')])
     (run,) = trees.runs()
     assert run.statuses == (RUNNING, RUNNING, RUNNING, SUCCESS)
+
+
+def names(run: TreeRun, rows: int) -> list[str]:
+    """The nodes on the screen: their names, in their order."""
+    return [re.sub(r' +[A-Z]+$|  \d+ s$', '', line.lstrip(' >?*x+-.')) for line in tree_lines(run, 80, rows, ASCII)[1:]]
+
+
+def test_a_planner_that_is_ticked_at_a_rate_moves_no_other_line() -> None:
+    trees, idle = Trees(), NodeStatus.IDLE
+    control, decorator = NodeKind.CONTROL, NodeKind.DECORATOR
+    nodes = [
+        TreeNode(1, 0, 'NavigateRecovery', 'RecoveryNode', kind=control),
+        TreeNode(2, 1, 'PipelineSequence', 'PipelineSequence', kind=control),
+        TreeNode(3, 2, 'RateController', 'RateController', kind=decorator),
+        TreeNode(4, 3, 'ComputePath', 'RecoveryNode', kind=control),
+        TreeNode(5, 4, 'ComputePathToPose', 'ComputePathToPose', kind=NodeKind.ACTION),
+        TreeNode(6, 4, 'ClearGlobal', 'ClearEntireCostmap', kind=NodeKind.ACTION),
+        TreeNode(7, 2, 'FollowPath', 'FollowPath', kind=NodeKind.ACTION),
+        *(TreeNode(uid, 1, f'Spin{uid}', 'Spin', kind=NodeKind.ACTION) for uid in range(8, 14)),
+    ]
+    structure(trees, 1, nodes)
+    plans = [RUNNING, RUNNING, RUNNING, RUNNING, RUNNING, idle, RUNNING, *(idle,) * 6]
+    drives = [RUNNING, RUNNING, SUCCESS, SUCCESS, SUCCESS, idle, RUNNING, *(idle,) * 6]
+    rests = [RUNNING, RUNNING, RUNNING, idle, idle, idle, RUNNING, *(idle,) * 6]
+    status(trees, 1, 1, plans, 1, 2, 3, 4, 5, 7)
+    shown = set()
+    for sequence in range(2, 12):  # a second each
+        now = (drives, rests, plans)[sequence % 3]
+        status(trees, sequence, 1, now, 3, 4, 5)
+        shown.add(tuple(names(trees.runs()[0], 6)))
+    assert len(shown) == 1 and 'FollowPath' in next(iter(shown)), shown
+
+
+def test_what_only_structures_a_tree_takes_no_room_where_there_is_little() -> None:
+    trees = Trees()
+    deep = [
+        TreeNode(
+            uid, uid - 1, f'at cost {uid}' if uid == 8 else 'ReactiveSequence', 'ReactiveSequence', '', NodeKind.CONTROL
+        )
+        for uid in range(2, 12)
+    ]
+    nodes = [TreeNode(1, 0, 'BringCup', 'ReachGoal'), *deep, TreeNode(12, 11, 'PickUp', 'PickUp', kind=NodeKind.ACTION)]
+    structure(trees, 1, nodes)
+    status(trees, 1, 1, [RUNNING] * 12, *range(1, 13))
+    (run,) = trees.runs()
+    assert names(run, 4) == ['BringCup (ReachGoal)', 'at cost 8 (ReactiveSequence)', 'PickUp']
+    assert acting_lines(run) == ['PickUp  0 s  in at cost 8, BringCup']
+    assert len(names(run, 20)) == 12  # where there is room, all of it
