@@ -60,6 +60,8 @@ class LoadServer:
                 fault = error
                 self._runtime.post(lambda: self._abort(goal, fault))
             else:
+                for notice in filter(None, [report.notice for report in reports]):
+                    self._runtime.node.get_logger().warning(notice)
                 self._runtime.post(lambda: _finish(goal, reports))
 
         self._reader.submit(work, f'goal of {names.BT_LOADER}: its trees were not read')
@@ -83,7 +85,8 @@ def _finish(goal: ServedGoal, reports: list[FileReport]) -> None:
         message = first if count == 1 else f'{first} (and {count - 1} more errors)'
         goal.abort(BtLoad.Result(code=Result.FAILURE, message=f'nothing was loaded: {message}', reports=messages))
     elif all(report.code in (BtLoadReport.LOADED, BtLoadReport.UNCHANGED) for report in reports):
-        goal.succeed(BtLoad.Result(code=Result.SUCCESS, reports=messages))
+        notice = '; '.join(filter(None, [report.notice for report in reports]))
+        goal.succeed(BtLoad.Result(code=Result.SUCCESS, message=sendable(notice), reports=messages))
     else:
         goal.canceled(BtLoad.Result(code=Result.CANCELED, message='canceled; nothing was loaded', reports=messages))
 

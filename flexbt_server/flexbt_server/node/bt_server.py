@@ -66,6 +66,7 @@ class BtServer:
             allowed,
             parameters.max_file_size,
             parameters.max_depth,
+            parameters.max_loaded_memory,
             on_loaded=lambda nodes: topics.subscribe(subscribed_topics(nodes)),
         )
         self._preload(store, parameters.preload)
@@ -73,6 +74,7 @@ class BtServer:
             for reason in store.load([str(file)])[0].errors:
                 logger.error(f'not loaded: {reason}')
         default_trees = self._default_trees(store, parameters.navigators)
+        store.keep_loaded()
         boards = Blackboards()
         services = LeafServices(
             runtime=runtime,

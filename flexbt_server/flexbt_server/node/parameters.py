@@ -19,6 +19,7 @@ from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
 from flexbt_core.monitors import Monitoring
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.navigators import NavigatorParameters, declare_navigator_parameters
+from flexbt_server.trees import MOST_LOADED
 
 DEFAULT_ERROR_CODE_NAMES: Final = (
     'compute_path_error_code',
@@ -59,6 +60,7 @@ class ServerParameters:
     error_code_names: tuple[str, ...]
     max_file_size: int
     max_depth: int
+    max_loaded_memory: int
     groot2_port: int
     groot2_address: str
     groot2_tree: str
@@ -127,6 +129,13 @@ def declare_parameters(node: Node) -> ServerParameters:
         ),
         max_file_size=declare.fixed.integer('max_file_size', MAX_BYTES, 1000, 100_000_000, 'largest XML file, bytes'),
         max_depth=declare.fixed.integer('max_depth', MAX_DEPTH, 1, 10_000, 'deepest nesting of XML elements'),
+        max_loaded_memory=declare.fixed.integer(
+            'max_loaded_memory',
+            MOST_LOADED,
+            1_000_000,
+            100_000_000_000,
+            'memory that loaded trees may take, bytes; the least recently used are dropped to make room',
+        ),
         groot2_port=declare.fixed.integer(
             'groot2_port', 0, 0, 65534, 'port where Groot2 finds running trees (it asks at 1667), and the next; 0: off'
         ),

@@ -14,11 +14,13 @@ from .ros_ports import (
     WAYPOINT_STATUSES,
     message_type,
 )
+from .tree_memory import MOST_LOADED
 from .tree_store import FileReport, FoundTree, TreeStore
 from .weak_lru_cache import WeakLruCache
 
 __all__ = [
     'DURATION',
+    'MOST_LOADED',
     'NO_RECOVERIES',
     'PATH',
     'POSES',

@@ -64,7 +64,7 @@ class TreeFiles:
 
 class Reading:
     """Reads what one document is made of, each file once. ``sources`` are those that it was made of: the file itself,
-    or ``text``, and what it includes."""
+    or ``text``, and what it includes; ``length`` is that of all of it, in bytes, each as often as it is included."""
 
     def __init__(self, files: TreeFiles, name: str, text: bytes | None = None) -> None:
         self._files = files
@@ -74,6 +74,7 @@ class Reading:
         self.name = name
         self.text = text
         self.sources: dict[str, Source] = {}
+        self.length = 0
 
     def main(self) -> bytes:
         """The document itself. Raises ResourceError or OSError."""
@@ -103,6 +104,7 @@ class Reading:
     def _content(self, name: str) -> bytes:
         self.sources[name] = UNREADABLE
         content, self.sources[name] = self._read(name)
+        self.length += len(content)
         return content
 
     def _read(self, name: str) -> tuple[bytes, Source]:

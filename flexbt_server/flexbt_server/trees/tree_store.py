@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,7 @@ from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.errors import UnknownTreeError
 
 from .tree_files import Reading, Source, TreeFiles
+from .tree_memory import MOST_LOADED, TreeMemory, Weight, check_room, no_room, weigh
 
 XML_TEXT: Final = '<xml>'
 """Name, in reports, of XML text that came with a goal."""
@@ -40,18 +42,28 @@ _MOST_ROUNDS: Final = 20
 """How often a tree may lead to further files that have changed."""
 
 
+_MOST_SHOWN: Final = 20
+"""Trees that were dropped that are told by name."""
+
+_MOST_DROPPED: Final = 10_000
+"""IDs of trees that were dropped, of which it is known where they came from."""
+
+
 @dataclass
 class FileReport:
-    """What became of one file; ``code`` is a constant of BtLoadReport."""
+    """What became of one file; ``code`` is a constant of BtLoadReport. ``notice``: what was dropped for it, or ''."""
 
     file: str
     code: int = BtLoadReport.UNKNOWN
     trees: tuple[str, ...] = ()
     errors: list[LoadError] = field(default_factory=list)
+    notice: str = ''
 
 
 class FoundTree(NamedTuple):
-    """A tree to run, and the library to run it from. ``notice``: why an edit of its files was not taken over; or ''."""
+    """A tree to run, and the library to run it from, which has what it is made of. ``notice``: why an edit of its files
+    was not taken over, and what was dropped to make room for it; or ''. The store keeps the files of the tree as long
+    as somebody holds the library."""
 
     library: TreeLibrary
     key: TreeKey
@@ -78,7 +90,12 @@ class _Refusal(NamedTuple):
 
 
 class TreeStore:
-    """Loads documents and finds trees. Safe to use from several threads."""
+    """Loads documents and finds trees. Safe to use from several threads.
+
+    All that is loaded takes a bounded amount of memory. To make room, the documents that were not used for the longest
+    time are dropped; not those of trees that run, and not what was loaded before :meth:`keep_loaded`. A file that was
+    dropped is loaded again when a goal names it, or its tree.
+    """
 
     def __init__(
         self,
@@ -86,9 +103,12 @@ class TreeStore:
         allowed_directories: Sequence[Path],
         max_file_size: int,
         max_depth: int,
+        max_loaded_memory: int = MOST_LOADED,
         on_loaded: Callable[[Iterator[NodeDefinition]], None] = lambda nodes: None,
     ) -> None:
-        """``on_loaded`` is told the nodes of what was loaded, on the thread that has loaded it."""
+        """``on_loaded`` is told the nodes of what was loaded, on the thread that has loaded it. All documents may take
+        ``max_loaded_memory`` bytes, as far as that is known (:mod:`.tree_memory`).
+        """
         self.registry = registry
         self._on_loaded = on_loaded
         self._files = TreeFiles(allowed_directories, max_file_size)
@@ -98,6 +118,10 @@ class TreeStore:
         self._loaded: dict[str, _Loaded] = {}
         self._refused: dict[tuple[str, ...], _Refusal] = {}
         self._files_of: dict[TreeKey, list[str]] = {}
+        self._memory = TreeMemory(max_loaded_memory)
+        self._parts: weakref.WeakValueDictionary[TreeKey, TreeLibrary] = weakref.WeakValueDictionary()
+        self._in_use: weakref.WeakSet[TreeLibrary] = weakref.WeakSet()
+        self._dropped: dict[str, str] = {}  # the documents of trees that were dropped, by the IDs of these
         self._lock = threading.RLock()
 
     @property
@@ -118,6 +142,11 @@ class TreeStore:
             return content.decode('utf-8-sig')
         except (OSError, UnicodeDecodeError) as error:
             raise ResourceError(name, f'cannot be read: {error}') from error
+
+    def keep_loaded(self) -> None:
+        """Never drop what is loaded now: the server was configured with it."""
+        with self._lock:
+            self._memory.pin()
 
     def load(
         self, files: Sequence[str], xml: str = '', progress: Callable[[str, int], bool] | None = None
@@ -146,10 +175,14 @@ class TreeStore:
         """
         with self._lock:
             is_file = '/' in name or name.endswith('.xml')
-            if is_file and name not in self._loaded:
-                reasons = _errors_of(self._load([(name, Reading(self._files, name))], None, newest=True))
+            notices: list[str] = []
+            file = name if is_file else self._dropped_file(name)
+            if file and file not in self._loaded:
+                reports = self._load([(file, Reading(self._files, file))], None, newest=True)
+                reasons = _errors_of(reports)
                 if reasons:
                     raise UnknownTreeError(f'tree file refused: {reasons}')
+                notices += [report.notice for report in reports]
             notice = ''
             for _ in range(_MOST_ROUNDS):
                 before = self._library
@@ -160,7 +193,8 @@ class TreeStore:
                     break
             key = self._key(name, is_file)
             if key is not None:
-                return FoundTree(self._library, key, notice)
+                self._memory.use(self._files_behind(key))
+                return FoundTree(self._part(key), key, '; '.join(filter(None, [notice, *notices])))
             if not is_file:
                 raise UnknownTreeError(self._no_such_tree(name))
             trees = ', '.join(sorted(self._library.documents[name].trees)) or 'none'
@@ -173,6 +207,21 @@ class TreeStore:
             return self._library.find(name)
         main = self._library.documents[name].main
         return None if main is None else TreeKey(name, main)
+
+    def _dropped_file(self, id: str) -> str:
+        """The file that has to be loaded again for a tree; '' if it is loaded, was never, or came as a text."""
+        file = self._dropped.get(id, '')
+        return '' if self._library.find(id) is not None or file.startswith(_TEXT_PREFIX) else file
+
+    def _part(self, key: TreeKey) -> TreeLibrary:
+        """The part of the library of which a tree is made: a run does not keep all the rest of it."""
+        part = self._parts.get(key)
+        if part is None:
+            files = frozenset(self._files_behind(key))
+            documents = [one for file, one in self._library.documents.items() if file in files]
+            part = self._parts[key] = TreeLibrary(documents, max_nodes=self._library.max_nodes)
+            self._in_use.add(part)
+        return part
 
     def _files_behind(self, key: TreeKey) -> list[str]:
         """The documents that have the trees of which this one is made, and the models, which all go by."""
@@ -201,6 +250,11 @@ class TreeStore:
 
     def _no_such_tree(self, name: str) -> str:
         known = ', '.join(sorted(self._library.tree_ids())) or 'none is loaded'
+        if name in self._dropped:
+            return (
+                f'tree {name!r} was dropped, as the least recently used one, to make room for others (parameter '
+                f'max_loaded_memory); load it again with BtLoad. Known trees: {known}'
+            )
         return f'there is no tree {name!r}; load its file with BtLoad, or name the file. Known trees: {known}'
 
     def _load(
@@ -229,9 +283,12 @@ class TreeStore:
                 report.trees = tuple(document.trees)
                 if newest and any(self._library.find(id) != TreeKey(name, id) for id in document.trees):
                     documents.append(document)  # its trees are the newest of their names again
+                self._memory.use([name])
                 return
+            content = reading.main()
+            check_room(report.file, content)
             document = load_xml(
-                reading.main(),
+                content,
                 name,
                 self.registry,
                 include=reading.include,
@@ -242,8 +299,9 @@ class TreeStore:
             report.code = BtLoadReport.REFUSED
             report.errors.extend(error.errors)
         except (ResourceError, OSError) as error:
-            report.code = BtLoadReport.REFUSED
-            report.errors.append(LoadError(report.file, 0, 0, '', str(error).removeprefix(f'{report.file}: ')))
+            _refuse(report, error)
+        except MemoryError:
+            _refuse(report, no_room(report.file, reading.length))
         else:
             report.code = BtLoadReport.VALID
             report.trees = tuple(document.trees)
@@ -260,13 +318,24 @@ class TreeStore:
             return
         forgotten: set[str] = set()
         if documents:
+            lengths = {reading.name: reading.length for reading in readings if reading.length}
+            weights = {one.file: weigh(one, lengths[one.file]) for one in documents if one.file in lengths}
             try:
                 forgotten = self._replaced_texts(documents)
-                self._library = self._library.stage(documents, without=forgotten, in_place=not newest)
+                library = self._library.stage(documents, without=forgotten, in_place=not newest)
+                dropped = self._to_drop(library, weights, readings)
+                self._library = library.stage((), without=dropped) if dropped else library
             except TreeLoadError as error:
                 self._blame(reports, error)
                 return
+            except ResourceError as error:
+                _refuse(next(report for report in reports if report.code == BtLoadReport.VALID), error)
+                return
+            reports[-1].notice = self._note_dropped(library, dropped)
+            forgotten.update(dropped)
+            self._memory.put(weights, forgotten)
             self._files_of.clear()
+            self._parts.clear()
             self._refused.clear()
         self._loaded |= {reading.name: _Loaded(dict(reading.sources), reading.text) for reading in readings}
         for name in forgotten:
@@ -275,6 +344,22 @@ class TreeStore:
             if report.code == BtLoadReport.VALID:
                 report.code = BtLoadReport.LOADED
         self._on_loaded(node for document in documents for tree in document.trees.values() for node in tree.nodes())
+
+    def _to_drop(self, library: TreeLibrary, weights: Mapping[str, Weight], readings: Sequence[Reading]) -> list[str]:
+        """The documents that make room for new ones. Raises ResourceError when there are not enough of them."""
+        in_use = {file for part in self._in_use for file in part.documents}
+        return self._memory.to_drop(library, weights, in_use.union(reading.name for reading in readings))
+
+    def _note_dropped(self, library: TreeLibrary, dropped: Sequence[str]) -> str:
+        """Remember where the trees of these documents came from; gives what there is to tell of them, or ''."""
+        ids = {id: file for file in dropped for id in library.documents[file].trees}
+        self._dropped.update(ids)
+        while len(self._dropped) > _MOST_DROPPED:
+            del self._dropped[next(iter(self._dropped))]
+        if not dropped:
+            return ''
+        shown = ', '.join(sorted(ids)[:_MOST_SHOWN]) + (', ...' if len(ids) > _MOST_SHOWN else '')
+        return f'to make room (parameter max_loaded_memory), the least recently used trees were dropped: {shown}'
 
     def _replaced_texts(self, documents: Sequence[TreeDocument]) -> set[str]:
         """XML texts of which no tree can be named any more, once ``documents`` are loaded: newer ones have taken the
@@ -300,6 +385,12 @@ class TreeStore:
             report = by_file.get(name, new[-1] if new else reports[-1])
             report.code = BtLoadReport.REFUSED
             report.errors.append(reason)
+
+
+def _refuse(report: FileReport, error: ResourceError | OSError) -> None:
+    name = error.name if isinstance(error, ResourceError) else report.file
+    report.code = BtLoadReport.REFUSED
+    report.errors.append(LoadError(report.file, 0, 0, '', str(error).removeprefix(f'{name}: ')))
 
 
 def _trees_behind(library: TreeLibrary, key: TreeKey) -> list[TreeKey]:

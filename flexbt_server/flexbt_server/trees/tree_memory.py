@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The memory that loaded trees take: how much it is, which trees make room for others, and whether there is any left.
+
+What a document takes is estimated from its nodes, ports and scripts, since the same bytes of XML may be two nodes or
+two hundred. The estimates are those of CPython 3.11, within a third.
+"""
+
+from __future__ import annotations
+
+import mmap
+import resource
+from collections.abc import Collection, Iterable, Mapping
+from typing import Final, NamedTuple
+
+from flexbt_common.errors import ResourceError
+from flexbt_core.behavior_tree import TreeDocument, TreeLibrary
+from flexbt_core.behavior_tree.script import CompiledScript
+
+MEGABYTE: Final = 1_000_000
+
+MOST_LOADED: Final = 256_000_000
+"""Bytes that all loaded trees may take, by default."""
+
+_NODE, _VALUE, _SCRIPT_CHARACTER, _TEXT_CHARACTER = 400, 150, 130, 2
+
+_RESERVE: Final = 64 * MEGABYTE
+"""Address space that is left to the rest of the process while a document is read, bytes."""
+
+
+class Weight(NamedTuple):
+    """What a document takes, in bytes, and the IDs of the trees that it has as sub-trees."""
+
+    size: int
+    parts: frozenset[str]
+
+
+def weigh(document: TreeDocument, length: int) -> Weight:
+    """Return the weight of a document that was read from ``length`` bytes of XML."""
+    values = count = 0
+    parts: set[str] = set()
+    scripts: set[str] = set()
+    for tree in document.trees.values():
+        for node in tree.nodes():
+            count += 1
+            values += len(node.values) + len(node.offsets) + len(node.extra) + len(node.conditions)
+            scripts.update(script.text for script in node.conditions.values())
+            scripts.update(one.literal.text for one in node.values.values() if isinstance(one.literal, CompiledScript))
+            if node.tree_id is not None:
+                parts.add(node.tree_id)
+    size = _NODE * count + _VALUE * values + _SCRIPT_CHARACTER * sum(map(len, scripts)) + _TEXT_CHARACTER * length
+    return Weight(size, frozenset(parts))
+
+
+def check_room(name: str, content: bytes) -> None:
+    """Check that a document can be read where the address space of the process is limited (``ulimit -v``).
+
+    Raises:
+        ResourceError: there is too little left; says how much it may take.
+    """
+    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return
+    needed = 1_200 * content.count(b'<') + 600 * content.count(b'=') + 4 * len(content) + _RESERVE
+    try:
+        mmap.mmap(-1, needed).close()
+    except (OSError, MemoryError):
+        raise no_room(name, needed) from None
+
+
+def no_room(name: str, needed: int) -> ResourceError:
+    """Return the error of a document for which there is no memory; it may take ``needed`` bytes."""
+    return ResourceError(
+        name,
+        f'too little memory: to read it may take {needed // MEGABYTE} MB; raise the limit of the process (ulimit -v), '
+        f'or load fewer trees',
+    )
+
+
+class TreeMemory:
+    """What each loaded document takes, and when it was used last. Not for several threads at once."""
+
+    def __init__(self, most: int) -> None:
+        """``most``: bytes that all of them may take."""
+        self._most = most
+        self._weights: dict[str, Weight] = {}
+        self._used: dict[str, None] = {}  # the least recently used first
+        self._pinned: frozenset[str] = frozenset()
+
+    def use(self, names: Iterable[str]) -> None:
+        """Note that these documents are used now."""
+        for name in names:
+            self._used.pop(name, None)
+            self._used[name] = None
+
+    def pin(self) -> None:
+        """Keep what is loaded now, whatever comes."""
+        self._pinned = frozenset(self._weights)
+
+    def put(self, weights: Mapping[str, Weight], dropped: Iterable[str]) -> None:
+        """Note that these documents are loaded, and that others are not any more."""
+        for name in dropped:
+            self._weights.pop(name, None)
+            self._used.pop(name, None)
+        self._weights.update(weights)
+        self.use(weights)
+
+    def to_drop(self, library: TreeLibrary, weights: Mapping[str, Weight], kept: Collection[str]) -> list[str]:
+        """Return the documents of a library that make room for those of ``weights``: the least recently used ones that
+        are not ``kept``, pinned, or part of what stays.
+
+        Raises:
+            ResourceError: there are too few of them; says how much there is, and may be.
+        """
+        known = {**self._weights, **weights}
+        left = {name: known[name] for name in library.documents}
+        total = sum(weight.size for weight in left.values())
+        excess = total - self._most
+        candidates = [name for name in self._used if not (name in self._pinned or name in kept or name in weights)]
+        dropped: list[str] = []
+        while excess > 0:
+            parts = {(id, name) for name, weight in left.items() for id in weight.parts}
+            targets = {target.file for id, name in parts if (target := library.find(id, name)) and target.file != name}
+            name = next((one for one in candidates if one in left and one not in targets), '')
+            if not name:
+                raise ResourceError(
+                    next(iter(weights)),
+                    f'the loaded trees would take {total // MEGABYTE} MB of memory; at most '
+                    f'{self._most // MEGABYTE} MB are kept (parameter max_loaded_memory), and what runs, what the '
+                    'server was configured with, and what belongs to this request is not dropped',
+                )
+            dropped.append(name)
+            excess -= left.pop(name).size
+        return dropped
