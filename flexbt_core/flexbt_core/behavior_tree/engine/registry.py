@@ -83,6 +83,16 @@ class NodeRegistry:
         if inspect.isabstract(node_class):
             missing = ', '.join(sorted(node_class.__abstractmethods__))
             raise RegistrationError(f'node ID [{id}]: {node_class.__qualname__} does not implement {missing}')
+        if not isinstance(getattr(node_class, 'kind', None), NodeKind):
+            raise RegistrationError(
+                f'node ID [{id}]: {node_class.__qualname__} has no kind; derive it from SyncAction, StatefulAction or '
+                'Condition, or write kind = NodeKind.ACTION'
+            )
+        if not isinstance(node_class.ports, Mapping):
+            raise RegistrationError(
+                f'node ID [{id}]: ports of {node_class.__qualname__} has to be an attribute of the class that has the '
+                f"ports by their names, ports = {{'name': input_port(STRING)}}, not {shown(node_class.ports)}"
+            )
         for name, port in node_class.ports.items():
             problem = _port_problem(name, port)
             if problem:
@@ -96,7 +106,7 @@ class NodeRegistry:
             node_class,
             dict(node_class.ports),
             _children_bounds(node_class),
-            inspect.getdoc(node_class) or '',
+            inspect.cleandoc(vars(node_class).get('__doc__') or ''),
             only,
         )
         manifests[id] = manifest

@@ -41,14 +41,14 @@ class NodeManifest:
     @property
     def example(self) -> Example | None:
         """The example that just this class declares: one that derives from it has its own, or none."""
-        example: Example | None = vars(self.node_class).get('example')
-        return example
+        example = vars(self.node_class).get('example')
+        return example if isinstance(example, Example) else None
 
     @property
     def outcomes(self) -> Outcomes | None:
         """The rule that just this class declares: one that derives from it may do something else."""
-        outcomes: Outcomes | None = vars(self.node_class).get('outcomes')
-        return outcomes
+        outcomes = vars(self.node_class).get('outcomes')
+        return outcomes if isinstance(outcomes, Outcomes) else None
 
 
 class RunnableScript(Protocol):

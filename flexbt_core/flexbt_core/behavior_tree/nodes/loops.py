@@ -64,6 +64,7 @@ class Loop(DecoratorNode):
 
     def __init_subclass__(cls, element: PortType | None = None) -> None:
         if element is not None:
+            cls.__doc__ = cls.__doc__ or Loop.__doc__
             cls.element = element
             cls.queue = _queue_of(element)
             cls.ports = {

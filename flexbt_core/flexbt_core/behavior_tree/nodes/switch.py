@@ -44,6 +44,7 @@ class Switch(ControlNode):
 
     def __init_subclass__(cls, count: int | None = None) -> None:
         if count is not None:
+            cls.__doc__ = cls.__doc__ or Switch.__doc__
             cls.cases = tuple(f'case_{number}' for number in range(1, count + 1))
             cls.tickable_with = count + 1, count + 1
             cls.ports = {

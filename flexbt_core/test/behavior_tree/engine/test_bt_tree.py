@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from flexbt_core.behavior_tree import (
     NodeExecutionError,
     NodeKind,
     NodeStatus,
+    RegistrationError,
     SimpleAction,
     StatefulAction,
     SyncAction,
@@ -37,6 +39,7 @@ from flexbt_core.behavior_tree import (
     output_port,
     simple_action,
 )
+from flexbt_core.behavior_tree.engine import LeafNode
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.clock import ManualClock, WakeEvent
 from flexbt_testing.waiting import DEADLINE
@@ -783,3 +786,66 @@ def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> Non
     assert (board.get('path'), board.get('outer')) == ('a way', '')
     Tree(known, 'Main', blackboard=board).empty_outputs()
     assert board.get('path') == ''
+
+
+# -- registering -------------------------------------------------------------------------------------------
+
+
+def test_a_class_without_a_docstring_has_no_description() -> None:
+    class Bare(SyncAction):
+        def tick(self) -> NodeStatus:
+            return SUCCESS
+
+    class Told(Bare):
+        """Does something.
+
+        In two paragraphs.
+        """
+
+    class BareAgain(Told):
+        pass
+
+    registry = builtin_registry()
+    descriptions = [registry.register(one.__name__, one).description for one in (Bare, Told, BareAgain)]
+    assert descriptions == ['', 'Does something.\n\nIn two paragraphs.', '']
+
+
+class PortsMethod(SyncAction):
+    def ports(self) -> dict[str, Any]:  # type: ignore[override]
+        """As providedPorts of BehaviorTree.CPP."""
+        return {}
+
+    def tick(self) -> NodeStatus:
+        return SUCCESS
+
+
+class PortsProperty(PortsMethod):
+    ports = property(lambda self: {})  # type: ignore[assignment]
+
+
+class PortsList(PortsMethod):
+    ports = ['goal']  # type: ignore[assignment]
+
+
+class NoKind(LeafNode):
+    def execute(self) -> NodeStatus:
+        return SUCCESS
+
+
+@pytest.mark.parametrize('node_class', [PortsMethod, PortsProperty, PortsList, NoKind])
+def test_what_is_declared_in_another_form_is_refused_with_what_to_write(node_class: type[Any]) -> None:
+    words = 'has no kind; derive it from' if node_class is NoKind else "ports = {'name': input_port(STRING)}, not "
+    with pytest.raises(RegistrationError, match=re.escape('node ID [X]: ') + '.*' + re.escape(words)):
+        builtin_registry().register('X', node_class)
+
+
+def test_attributes_that_mean_something_else_are_passed_over() -> None:
+    class Other(SyncAction):
+        outcomes = ['done']  # type: ignore[assignment]
+        example = 'see the manual'  # type: ignore[assignment]
+
+        def tick(self) -> NodeStatus:
+            return SUCCESS
+
+    manifest = builtin_registry().register('X', Other)
+    assert (manifest.outcomes, manifest.example) == (None, None)
