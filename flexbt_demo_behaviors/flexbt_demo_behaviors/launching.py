@@ -15,12 +15,17 @@ from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from flexbt_common import names
 from flexbt_core.values import shown
 
 from .demonstration import ParameterValue, Process
 
 RESPAWN: Final[Mapping[str, Any]] = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 5}
 """Options of `launch_ros.actions.Node`: a node that died is started again after a second, but not for ever."""
+
+
+MANAGED: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE)
+"""Nodes with a lifecycle of their own, which alone have parameters such as `autostart`."""
 
 
 def speed_argument() -> DeclareLaunchArgument:
@@ -51,16 +56,16 @@ def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float
 
 
 def nodes_of(
-    processes: Iterable[Process], parameters: Mapping[str, ParameterValue] | None = None, **options: Any
+    processes: Iterable[Process], of_managed: Mapping[str, ParameterValue] | None = None, **options: Any
 ) -> list[Node]:
-    """The nodes of a process table, all of them with further parameters, and options of `launch_ros.actions.Node`:
-    without others, those of :data:`RESPAWN`.
+    """The nodes of a process table, those that are managed with further parameters, and all with options of
+    `launch_ros.actions.Node`: without others, those of :data:`RESPAWN`.
     """
     return [
         Node(
             package=process.package,
             executable=process.executable,
-            parameters=[{**process.parameters, **(parameters or {})}],
+            parameters=[{**process.parameters, **((of_managed or {}) if process.executable in MANAGED else {})}],
             output='screen',
             **{'namespace': process.namespace, **RESPAWN, **options},
         )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import runpy
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ from flexbt_demo_nav2_robot.demonstration import main as nav2_robot
 from flexbt_demo_night_watch.demonstration import open_watch
 
 LAUNCH_FILES = sorted(Path(__file__).parents[3].glob('flexbt_*/launch/*.launch.py'))
+EXECUTABLES = Path(__file__).parents[3] / 'docs' / 'reference' / 'executables.md'
 
 
 class Described:
@@ -76,15 +78,36 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> None:
     spec.loader.exec_module(launching)
 
 
-@pytest.mark.usefixtures('launch')
-@pytest.mark.parametrize('file', LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_node_of_a_launch_file_is_there_and_is_started_again_but_the_program_that_ends(file: Path) -> None:
+def nodes_of(file: Path) -> list[Node]:
+    """The nodes that a launch file starts when it is given no arguments."""
     (actions,) = runpy.run_path(str(file))['generate_launch_description']().given
     context = {action.given[0]: action.options['default_value'] for action in actions if isinstance(action, Argument)}
     nodes = [action for action in actions if isinstance(action, Node)]
     for action in actions:
         if isinstance(action, Function):
             nodes += action.options['function'](context)
+    return nodes
+
+
+@pytest.mark.usefixtures('launch')
+@pytest.mark.parametrize('file', LAUNCH_FILES, ids=lambda file: file.name)
+def test_a_launch_file_gives_a_node_only_parameters_that_it_has(file: Path) -> None:
+    _, *sections = re.split(r'(?m)^\*\*`(\w+)`\*\*', EXECUTABLES.read_text(encoding='utf-8'))
+    texts = dict(zip(sections[::2], sections[1::2], strict=True))
+    known = {name: {'use_sim_time', *re.findall(r'(?m)^\| `([\w.]+)` \|', text)} for name, text in texts.items()}
+    known['simulation'] |= known['simulator'] | known['navigation']  # it has their nodes
+    for name in ('bt_server', 'onboard_executive'):
+        known[name].add('autostart')
+    for node in nodes_of(file):
+        name = node.options['executable']
+        for parameters in node.options.get('parameters', []):
+            assert set(parameters) <= known.get(name, set(parameters)), name
+
+
+@pytest.mark.usefixtures('launch')
+@pytest.mark.parametrize('file', LAUNCH_FILES, ids=lambda file: file.name)
+def test_every_node_of_a_launch_file_is_there_and_is_started_again_but_the_program_that_ends(file: Path) -> None:
+    nodes = nodes_of(file)
     assert len(nodes) >= 3
     for node in nodes:
         process = Process(node.options['package'], node.options['executable'])
