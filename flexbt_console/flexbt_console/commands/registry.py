@@ -72,6 +72,7 @@ _DECISION = Option(
 )
 _UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a value) was not received')
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
+_PAGE = Option('--page', 'address of the page of the same robots, which it shows, for who starts both', 'URL')
 _IN_BROWSER = Option('--web', 'serve it to browsers on this computer (with --port), instead of this terminal')
 _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
 _ADDRESS = Option(
@@ -446,7 +447,7 @@ COMMANDS: Final = (
         'screen',
         'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
         Mode.SCREEN,
-        options=(_IN_BROWSER, _PORT, _LEAVING, _SCAN_PERIOD, _SLOW_LINK),
+        options=(_IN_BROWSER, _PORT, _LEAVING, _PAGE, _SCAN_PERIOD, _SLOW_LINK),
         details=(
             'With --web the same screen is in a browser: the address is printed, and each tab is an operator of its '
             'own, on this computer alone (from another: ssh -L 8465:localhost:8465 STATION).',
@@ -493,7 +494,7 @@ COMMANDS: Final = (
         'prompt',
         'the interactive prompt, also without any command where there is no room for the screen, or Textual is missing',
         Mode.PROMPT,
-        options=(_LEAVING,),
+        options=(_LEAVING, _PAGE),
         link=LinkNeed.NONE,
     ),
 )

@@ -312,7 +312,7 @@ def _station(
     from .interaction import Attention, Station
 
     leaving = line.value('--leaving') or LEAVING
-    return Station(mirror, link, make, _timeout(line), Attention(runtime.steady), leaving)
+    return Station(mirror, link, make, _timeout(line), Attention(runtime.steady), leaving, line.value('--page'))
 
 
 def _parts(line: CommandLine, runtime: NodeRuntime) -> tuple[Mirror, OperatorLink, CommandBuilder]:

@@ -119,6 +119,7 @@ class Robot:
     """An executive as the mirror sees it."""
 
     operator: str | None = 'ann'
+    page = ''
 
     def __init__(self) -> None:
         self.clock = ManualClock()
@@ -151,7 +152,8 @@ class Robot:
 
     def station(self) -> Station:
         """The robot as its operator has it."""
-        return Station(self.mirror, self.link, CommandBuilder(self.operator), 5.0, Attention(self.clock), 'stays')
+        make = CommandBuilder(self.operator)
+        return Station(self.mirror, self.link, make, 5.0, Attention(self.clock), 'stays', self.page)
 
     def run_tree(self, *parents: int) -> None:
         """Another tree runs, each of whose nodes does, too; these are their parents."""
@@ -1667,6 +1669,23 @@ def test_each_key_of_the_footer_does_something_when_it_is_bold_and_says_why_not_
 
         run(press)
     assert footer == {shown: not is_refused for shown, is_refused in refused.items()}
+
+
+@pytest.mark.parametrize('size', [(80, 24), (120, 36)])
+def test_the_address_of_the_page_stays_on_the_screen(size: tuple[int, int]) -> None:
+    robot = Robot()
+    robot.page = 'http://127.0.0.1:8465/'
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        for _ in range(40):
+            app.tell(['something happens'])
+        await seen(robot, pilot)
+        assert text_of(app).splitlines()[0].rstrip().endswith(robot.page)
+        await pilot.press('?')
+        await pilot.pause()
+        assert f'In a browser: {robot.page}' in text_of(app)
+
+    on_screen(robot, steps, size)
 
 
 def test_the_help_of_the_keys_tells_the_signs_of_the_decision() -> None:

@@ -11,7 +11,7 @@ from .demo_processes import (
     first_place,
     page_command,
 )
-from .interactive import run_console, serve_page, tell_ended
+from .interactive import page_line, run_console, serve_page, tell_ended
 from .options import RunOptions, parse_options, parse_run_options
 from .picture import draw_tracks, write_picture
 from .process_group import EndedProcess, ProcessGroup
@@ -58,6 +58,7 @@ __all__ = [
     'join_robot',
     'own_domain',
     'page_command',
+    'page_line',
     'parse_options',
     'parse_run_options',
     'run_console',

@@ -75,14 +75,14 @@ def first_place(places: str) -> tuple[float, float, float]:
     return known[0].x, known[0].y, known[0].yaw
 
 
-def console_command(leaving: str = 'the demonstration ends', namespace: str = '') -> list[str]:
+def console_command(leaving: str = 'the demonstration ends', namespace: str = '', page: str = '') -> list[str]:
     """The command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
 
-    ``leaving`` is what it tells of leaving it, ``namespace`` that of its robot.
+    ``leaving`` is what it tells of leaving it, ``namespace`` that of its robot, ``page`` the address of the page.
     """
     executable, *parameters = Process('flexbt_console', 'console', namespace=namespace).command()
     mode = 'screen' if importlib.util.find_spec('textual') is not None else 'prompt'
-    return [executable, mode, '--leaving', leaving, *parameters]
+    return [executable, mode, '--leaving', leaving, *(['--page', page] if page else []), *parameters]
 
 
 def page_command(port: int) -> list[str]:

@@ -33,12 +33,13 @@ def run_interactive(
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
         session.operator.wait_state('/AskGoal')
     print(INTRODUCTION.format(behavior=demonstration.behavior, place=place), end='')
-    print(serve_page(group), flush=True)
-    return run_console(group, console_command())
+    page = serve_page(group)
+    print(page_line(page), flush=True)
+    return run_console(group, console_command(page=page))
 
 
 def serve_page(group: ProcessGroup) -> str:
-    """Serve the operator's page of all robots, too; a line that tells where it is, empty where aiohttp is missing."""
+    """Serve the operator's page of all robots, too, and return its address; '' where aiohttp is missing."""
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
@@ -46,7 +47,12 @@ def serve_page(group: ProcessGroup) -> str:
     if not command:
         return ''
     group.start('web', command)
-    return f'In a browser: http://127.0.0.1:{port}/\n'
+    return f'http://127.0.0.1:{port}/'
+
+
+def page_line(page: str) -> str:
+    """Return the line that tells where the page is; empty where there is none."""
+    return f'In a browser: {page}\n' if page else ''
 
 
 def run_console(group: ProcessGroup, command: Sequence[str]) -> int:

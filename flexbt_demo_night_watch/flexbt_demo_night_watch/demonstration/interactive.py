@@ -6,7 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from flexbt_core.values import lines
-from flexbt_demo_behaviors.demonstration import DemoError, console_command, run_console, serve_page, tell_ended
+from flexbt_demo_behaviors.demonstration import (
+    DemoError,
+    console_command,
+    page_line,
+    run_console,
+    serve_page,
+    tell_ended,
+)
 
 from .watch import Watch
 from .watch_processes import ROBOTS
@@ -25,7 +32,8 @@ Both robots are on their rounds; the door of the archive is jammed. Which robot 
 def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
     """Begin the rounds, and do what the operator says until the night is over; lines come from `read`."""
     watch.start()
-    print(INTRODUCTION + serve_page(watch.group), flush=True)
+    page = serve_page(watch.group)
+    print(INTRODUCTION + page_line(page), flush=True)
     while True:
         tell_ended(watch.group)
         try:
@@ -37,7 +45,8 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
                 case ['end']:
                     return
                 case [robot] if robot in ROBOTS:
-                    run_console(watch.group, console_command('you are asked again which robot you look after', robot))
+                    leaving = 'you are asked again which robot you look after'
+                    run_console(watch.group, console_command(leaving, robot, page))
                 case ['mend']:
                     watch.building.mend_door()
                 case ['battery', robot] if robot in ROBOTS:

@@ -29,6 +29,7 @@ class Station:
     """A robot as its operator has it; ``timeout`` is in seconds, for each answer; ``leaving`` says what happens when
     its operator leaves.
 
+    ``page`` is the address of the page of the same robots, '' where there is none known.
     ``attention`` is what its operator deals with: one for all robots of that operator.
     """
 
@@ -38,6 +39,7 @@ class Station:
     timeout: float
     attention: Attention
     leaving: str
+    page: str = ''
 
 
 class Reading(NamedTuple):

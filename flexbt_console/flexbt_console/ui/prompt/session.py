@@ -167,6 +167,7 @@ class Prompt:
         self._over = asyncio.Event()
         self._mirror.add_listener(lambda change: self._wake(loop))
         loop.set_exception_handler(self._fault)
+        self._print([f'In a browser: {one_line(self._station.page)}'] if self._station.page else [])
         self._print([f'"help" lists the commands. "stop" stops the robot; "quit": {self._station.leaving}.'])
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._on_signal(self._over.set))

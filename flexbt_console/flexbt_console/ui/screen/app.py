@@ -174,7 +174,7 @@ class OperatorScreen(OrderedApp):
         self._followed: list[Mirror] = []
         self._turned_to = ''
         self._line = TypedLine(self._view, self.tell_error)
-        self._panes = Panes(clock, station.make.operator, layout or Layout(), self._line, replay)
+        self._panes = Panes(clock, station, layout or Layout(), self._line, replay)
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
         self._sent = SentCommands(clock)
@@ -214,7 +214,8 @@ class OperatorScreen(OrderedApp):
             self.set_interval(PLAY_SECONDS, self.guarded(self._play_on))
             self.tell(['"?" shows the keys. This is a recording: nothing is sent.'])
         else:
-            self.tell([f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._station.leaving}.'])
+            page = [f'In a browser: {one_line(self._station.page)}'] if self._station.page else []
+            self.tell([*page, f'"?" shows the keys. "!" or F8 stops the robot; "q": {self._station.leaving}.'])
         self.draw()
 
     # What is shown
@@ -648,7 +649,9 @@ class OperatorScreen(OrderedApp):
         self._panes.scroll(self._station.mirror, 1)
 
     def _do_help(self, key: Key, view: View) -> None:
-        shown = replay_help_lines() if self._replay else [*help_lines(), '', *prompt_help(self._station.leaving)]
+        page = [f'In a browser: {one_line(self._station.page)}', ''] if self._station.page else []
+        keys = [*page, *help_lines(), '', *prompt_help(self._station.leaving)]
+        shown = replay_help_lines() if self._replay else keys
         self._read(Reading('keys', shown))
 
     def _do_leave(self, key: Key, view: View) -> None:

@@ -11,8 +11,9 @@ from rich.text import Text
 from flexbt_console.errors import RefusedError
 from flexbt_console.mirror import Mirror, RobotOverview, View
 from flexbt_console.pictures import cut, glyphs
-from flexbt_console.ui.interaction import has_map
+from flexbt_console.ui.interaction import Station, has_map
 from flexbt_core.clock import Clock
+from flexbt_core.values import one_line
 
 from .decision_bar import Picking, decision_lines
 from .layout import Layout
@@ -35,17 +36,18 @@ class Shown(NamedTuple):
 
 
 class Panes:
-    """The panes as ``operator`` has them; ``line`` is typed below them, and ``replay`` stands for the keys in a
-    recording."""
+    """The panes as the operator of ``station`` has them; ``line`` is typed below them, and ``replay`` stands for the
+    keys in a recording."""
 
     def __init__(
-        self, clock: Clock, operator: str | None, layout: Layout, line: TypedLine, replay: ReplayBar | None
+        self, clock: Clock, station: Station, layout: Layout, line: TypedLine, replay: ReplayBar | None
     ) -> None:
         self.signs = glyphs()
         self.layout = layout
         self.picking = Picking(clock)
-        self.log = LogPane(operator)
-        self._operator = operator
+        self._operator = station.make.operator
+        self.log = LogPane(self._operator)
+        self._page = one_line(station.page)
         self._line = line
         self._replay = replay
         self.moved()
@@ -96,7 +98,7 @@ class Panes:
             case 'status':
                 others = others_text(robots, robot)
                 name = 'RECORDING' if self._replay is not None else robot if len(robots) > 1 else ''
-                return status_text(view, columns, name, others, self._operator)
+                return status_text(view, columns, name, others, self._operator, self._page)
             case 'alarm':
                 return alarm_text(view, columns, self._operator, is_recorded=self._replay is not None)
             case 'machine':

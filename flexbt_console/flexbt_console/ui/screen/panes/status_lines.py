@@ -29,8 +29,9 @@ from .pane import styled
 ALARM_ROWS = 3
 
 
-def status_text(view: View, columns: int, robot: str, others: str, operator: str | None) -> Text:
-    """The first line; ``robot`` names it where there are several, ``others`` says what those need.
+def status_text(view: View, columns: int, robot: str, others: str, operator: str | None, page: str = '') -> Text:
+    """The first line; ``robot`` names it where there are several, ``others`` says what those need. ``page`` is the
+    address of the page in a browser, which is at its end where there is room.
 
     Who asks ``operator`` for the authority is in :func:`alarm_text`.
     """
@@ -47,6 +48,8 @@ def status_text(view: View, columns: int, robot: str, others: str, operator: str
     authority = f'  authority {one_line(holder) if holder == operator else authority_text(snapshot)}' if holder else ''
     may = f'  autonomy {autonomy_text(snapshot.autonomy)}{authority}'
     text = _with_end(_with_end(f' {who}{link}  {what_runs(view)}', may, columns - width(needs)), needs, columns)
+    gap = columns - width(text) - width(page) - 1
+    text += ' ' * gap + page if page and gap > 1 else ''
     shown = styled([Line(text.ljust(columns), Tone.PLAIN if view.live else Tone.ERROR)])
     shown.stylize('reverse')
     return shown
