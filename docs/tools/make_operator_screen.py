@@ -9,10 +9,12 @@ It needs tmux: python3 docs/tools/build.py --tool make_operator_screen.py
 
 from __future__ import annotations
 
+import html
 import io
 import re
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +27,13 @@ PICTURE: Final = Path(__file__).parents[1] / 'images' / 'operator_screen.svg'
 COLUMNS: Final = 120
 ROWS: Final = 32
 DEADLINE: Final = 120.0  # seconds for each thing that the terminal is to show
+CELL_WIDTH: Final = 12.2  # of Rich's SVG, as the next three
+CELL_HEIGHT: Final = 24.4
+BASELINE: Final = 18.5
+TEXT: Final = r'<text (class="[^"]+" )x="([\d.]+)" y="([\d.]+)" textLength="[\d.]+"( clip-path="[^"]+")>([^<]*)</text>'
+DOT: Final = (
+    6.6  # a little more than half a cell's width and a quarter of its height: nothing shines through between them
+)
 TMUX: Final = ['tmux', '-L', 'flexbt-operator-screen', '-f', '/dev/null']
 
 
@@ -74,7 +83,42 @@ def picture(screen: str) -> str:
     template = template.replace('Fira Code, monospace', 'monospace')
     console = Console(record=True, width=COLUMNS, file=io.StringIO(), force_terminal=True)
     console.print(Text.from_ansi(screen.rstrip('\n')))
-    return console.export_svg(title='console', code_format=template, unique_id='operator')
+    drawn = console.export_svg(title='console', code_format=template, unique_id='operator')
+    return re.sub(TEXT, lambda found: ''.join(placed(*found.groups())), drawn)
+
+
+def placed(attributes: str, x: str, y: str, rest: str, content: str) -> Iterator[str]:
+    """A text of one style with each sign at the place of its cell, whichever font a reader has for it.
+
+    Signs beyond ASCII come from another font where the monospaced one lacks them, and are as wide as that has them:
+    what comes behind them would move. Braille and lines of frames are drawn.
+    """
+    cells = html.unescape(content).replace('\n', '')
+    left, top = float(x), float(y) - BASELINE
+    shapes: list[str] = []
+    for found in re.finditer(r'[ -~\xa0]+|.', cells):
+        text, begin, count = found[0], left + CELL_WIDTH * found.start(), found.end() - found.start()
+        if '\u2800' <= text <= '\u28ff':
+            shapes += [f'M{begin + across:.2f} {top + down:.2f}h{DOT}v{DOT}h-{DOT}z' for across, down in dots(text)]
+        elif text in '│─':
+            line = f'{begin + CELL_WIDTH / 2 - 0.6:.2f} {top:.2f}h1.2v{CELL_HEIGHT}h-1.2z'
+            across = f'{begin:.2f} {top + CELL_HEIGHT / 2:.2f}h{CELL_WIDTH}v1.2h-{CELL_WIDTH}z'
+            shapes.append(f'M{line if text == "│" else across}')
+        elif text.isascii() or '\xa0' in text:
+            if text.strip():
+                length = f'textLength="{CELL_WIDTH * count:.1f}"'
+                yield f'<text {attributes}x="{begin:.1f}" y="{y}" {length}{rest}>{html.escape(text)}</text>'
+        else:
+            yield f'<text {attributes}x="{begin + CELL_WIDTH / 2:.1f}" y="{y}" text-anchor="middle"{rest}>{text}</text>'
+    if shapes:
+        yield f'<path {attributes}d="{"".join(shapes)}"/>'
+
+
+def dots(sign: str) -> Iterator[tuple[float, float]]:
+    """Where the dots of a sign of braille are in its cell: two columns of four."""
+    for bit, (column, row) in enumerate(((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))):
+        if ord(sign) >> bit & 1:
+            yield column * CELL_WIDTH / 2, row * CELL_HEIGHT / 4
 
 
 if __name__ == '__main__':

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The examples of the README, taken literally from its text: a tree, a state and a mission."""
 
+import html
 import os
 import re
 import shlex
@@ -53,6 +54,16 @@ def test_the_tree_recovers_without_a_robot(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert re.search(r'IDLE +-> SUCCESS +BackUp', done.stdout)
     assert done.stdout.splitlines()[-1].startswith('SUCCESS')
+
+
+def test_in_the_picture_of_the_screen_no_sign_depends_on_what_fonts_a_reader_has() -> None:
+    """What is beyond ASCII may be wider in another font: it stands alone, at its cell; braille is drawn."""
+    picture = (ROOT / 'docs' / 'images' / 'operator_screen.svg').read_text(encoding='utf-8')
+    texts = re.findall(r'<text class="operator-r[^>]*>([^<]*)</text>', picture)
+    assert len(texts) > 50 and 'd="M' in picture
+    for text in map(html.unescape, texts):
+        assert len(text) == 1 or re.fullmatch(r'[ -~\xa0]+', text), text
+        assert not re.search(r'[\u2800-\u28ff]', text), text
 
 
 def test_the_state_counts() -> None:
