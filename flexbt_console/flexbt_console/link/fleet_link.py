@@ -129,9 +129,10 @@ class FleetLink:
             self._list(name)
             shares[self._owners[name]] += 1
             joined += 1
-        self.fleet.note_left_out(0 if joined == JOINED_AT_ONCE else len(waiting))
+        is_growing = bool(waiting) and joined == JOINED_AT_ONCE
+        self.fleet.note_left_out(len(waiting), is_growing=is_growing)
         now = self._runtime.steady.now()
-        pause = NEXT_SECONDS if waiting and joined else LOOK_SECONDS
+        pause = NEXT_SECONDS if is_growing else LOOK_SECONDS
         self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
 
     def _found(self) -> set[str]:

@@ -72,6 +72,8 @@ class Fleet:
         self._listeners: list[Callable[[], None]] = []
         self.left_out = 0
         """Robots that were found and are not among these; see :meth:`note_left_out`."""
+        self.is_growing = False
+        """Whether some of them are taken in next."""
 
     def add(self, name: str, mirror: Mirror) -> None:
         """Take a robot in. It stays until :meth:`remove`, also when it is not heard: somebody has to see that."""
@@ -86,10 +88,10 @@ class Fleet:
             self._mirrors.pop(name, None)
         self._tell()
 
-    def note_left_out(self, count: int) -> None:
-        """This many robots were found that are not taken in, since there are too many."""
-        if count != self.left_out:
-            self.left_out = count
+    def note_left_out(self, count: int, *, is_growing: bool = False) -> None:
+        """This many robots were found that are not taken in, since there are too many; or yet, while it is growing."""
+        if (count, is_growing) != (self.left_out, self.is_growing):
+            self.left_out, self.is_growing = count, is_growing
             self._tell()
 
     def add_listener(self, listener: Callable[[], None]) -> None:

@@ -137,6 +137,30 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     clock.close()
 
 
+def test_robots_that_are_not_listed_are_counted_and_those_still_to_be_joined_are_waited_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock, fleet = SteadyClock(), Fleet()
+    monkeypatch.setattr(robots, 'QUIET_SECONDS', 0.0)
+
+    def join(number: int) -> None:
+        fleet.add(f'/r{number}', Mirror(clock))
+        fleet.mirror(f'/r{number}').receive_snapshot(RUNS)
+
+    def go_on() -> None:
+        join(1)
+        fleet.note_left_out(936)
+
+    join(0)
+    fleet.note_left_out(937, is_growing=True)
+    clock.call_at(clock.now() + 0.2, go_on)
+    assert robots.list_robots(fleet, clock, 60.0, as_json=False) is ExitCode.OK
+    told = capsys.readouterr()
+    assert len(told.out.splitlines()) == 2
+    assert told.err == '936 more not listed; name one with --namespace\n'
+    clock.close()
+
+
 def test_names_of_robots_are_complete_when_no_further_one_comes() -> None:
     class Found(Fleet):
         """One robot is found after the other."""

@@ -69,16 +69,17 @@ def _settled(
     look: Callable[[], tuple[T, ...]],
     quiet: Callable[[tuple[T, ...]], float],
 ) -> tuple[T, ...]:
-    """What is known of the robots when nothing of it has changed for so long, or after ``timeout`` seconds."""
+    """What is known of the robots when nothing of it has changed for so long, and all that are found are joined that
+    may be, or after ``timeout`` seconds."""
     changed = threading.Event()
     fleet.add_listener(changed.set)
     until = end = clock.now() + timeout
-    known: tuple[T, ...] = ()
+    known: tuple[tuple[T, ...], bool] = (), False
     while True:
         changed.clear()
-        found, now = look(), clock.now()
-        if found != known:
-            known, until = found, min(end, now + quiet(found))
+        found, is_growing, now = look(), fleet.is_growing, clock.now()
+        if (found, is_growing) != known:
+            known, until = (found, is_growing), end if is_growing else min(end, now + quiet(found))
         if now >= until:
-            return known
+            return found
         changed.wait(until - now)
