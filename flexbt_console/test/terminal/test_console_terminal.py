@@ -166,7 +166,6 @@ def test_the_screen_is_drawn_again_after_a_stop_and_ends_when_its_terminal_goes_
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         terminal = Terminal('--namespace', 'hangup', mode='screen')
-        terminal.read_until(b'LISTENING')
         terminal.read_until(b'quit')  # in its last line
         terminal.type('\x03')  # a key, no signal: that would end the screen and whatever has started it
         terminal.read_until(b'Ctrl-C gives up')
