@@ -25,12 +25,16 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
+from flexbt_core.values import one_line
+
 from .received_messages import COMPLAINT_SECONDS, UNKNOWN_NODE
 
 __all__ = ['QosMisfits']
 
 _MOST_SHOWN: Final = 3
 """Endpoints of a topic that are named: there may be any number."""
+
+_NAME_CHARACTERS: Final = 100
 
 Events = TypeVar('Events', PublisherEventCallbacks, SubscriptionEventCallbacks)
 
@@ -45,7 +49,9 @@ class QosMisfits:
         self._told_at: dict[str, float] = {}
 
     def on_found(self, tell: Callable[[str], object] | None) -> None:
-        """Have ``tell`` told of each topic that has got one, instead of the log of the node; None for the log."""
+        """Have ``tell`` told of each topic that the node cannot hear, instead of the log of the node; None for the log.
+        What others cannot hear of the node is for the log.
+        """
         self._tell = tell
 
     def of(self, topic: str) -> str:
@@ -81,7 +87,8 @@ class QosMisfits:
         now = time.monotonic()
         if text != before and now - self._told_at.get(topic, -COMPLAINT_SECONDS) >= COMPLAINT_SECONDS:
             self._told_at[topic] = now
-            (self._tell or self._node.get_logger().warning)(text)
+            is_ours = any(one.topic_name == topic for one in self._node.subscriptions)
+            (self._tell if self._tell and is_ours else self._node.get_logger().warning)(text)
 
     def _misfits(self, topic: str) -> Iterator[str]:
         me = self._node.get_fully_qualified_name()
@@ -118,4 +125,4 @@ def _why(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscriber: st
 def _name_of(endpoint: Any) -> str:
     if endpoint.node_name == UNKNOWN_NODE:
         return 'a node that is not known yet'
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    return one_line(f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}', _NAME_CHARACTERS)
