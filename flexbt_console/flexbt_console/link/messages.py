@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped
+from std_msgs.msg import Header
 
-from flexbt_common.values import from_entry, path_points, seconds_of, value_to_text
+from flexbt_common.values import from_entry, path_points, seconds_of
 from flexbt_console import mirror as records
 from flexbt_core.errors import FlexbtError
-from flexbt_core.values import sendable
+from flexbt_core.values import sendable, shown
 from flexbt_msgs.msg import (
     BehaviorArgument,
     BehaviorList,
@@ -209,28 +211,24 @@ def _subject_value(entry: BlackboardEntry) -> records.SubjectValue:
     """A value with its points or its pose; one whose type is not installed here, or that is damaged, has only text."""
     try:
         if entry.type == 'nav_msgs/msg/Path' and entry.data:  # the same, and quicker
-            points = tuple(path_points(bytes(entry.data), len(entry.data))[1])
-            return _path_value(entry, points)
+            return _path_value(entry, path_points(bytes(entry.data), len(entry.data))[1])
         value = from_entry(entry)
     except (FlexbtError, ValueError) as error:
         return records.SubjectValue(entry.key, entry.type, entry.text or str(error))
-    poses = getattr(value, 'poses', value)
-    if poses == [] and poses is not value:
-        return _path_value(entry, ())
-    if isinstance(poses, list) and poses and (hasattr(poses[0], 'pose') or hasattr(poses[0], 'position')):
-        places = [getattr(one, 'pose', one).position for one in poses]
-        return _path_value(entry, tuple((place.x, place.y) for place in places))
-    pose = value
+    listed = getattr(value, 'poses', value)
+    if isinstance(listed, list) and (listed or listed is not value):
+        poses = [one.pose if isinstance(one, PoseStamped) else one for one in listed]
+        if all(isinstance(pose, Pose) for pose in poses):
+            return _path_value(entry, [(pose.position.x, pose.position.y) for pose in poses])
     if isinstance(value, Pose):
-        pose = PoseStamped(pose=value)
-        pose.header.frame_id = 'map'
-    found = _pose(pose) if isinstance(pose, PoseStamped) else None
-    return records.SubjectValue(entry.key, entry.type, entry.text or value_to_text(value), pose=found)
+        value = PoseStamped(header=Header(frame_id='map'), pose=value)
+    found = _pose(value) if isinstance(value, PoseStamped) else None
+    return records.SubjectValue(entry.key, entry.type, entry.text or shown(value), pose=found)
 
 
-def _path_value(entry: BlackboardEntry, points: tuple[tuple[float, float], ...]) -> records.SubjectValue:
+def _path_value(entry: BlackboardEntry, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
     if all(is_length(x) and is_length(y) for x, y in points):
-        return records.SubjectValue(entry.key, entry.type, '' if points else 'no poses', points)
+        return records.SubjectValue(entry.key, entry.type, '' if points else 'no poses', tuple(points))
     return records.SubjectValue(entry.key, entry.type, 'it has a point that is nowhere')
 
 
