@@ -25,6 +25,7 @@ MARKS: Final = {
     'SubTree': Mark('#f5ead0', '#57482a', 'sub-tree'),
     'Action': Mark('#e1f0dc', '#2c4a2a', 'action'),
     'Condition': Mark('#f8e0dc', '#5a3330', 'condition'),
+    'Unknown': Mark('#eeeeee', '#3a3d42', 'action or condition: its type is not known here'),
     'State': Mark('#fff3c4', '#57501f', 'state'),
     'Outcome': Mark('#dddddd', '#454545', 'outcome of the machine'),
     'Region': Mark('#e1f0dc', '#2c4a2a', 'where this holds: what is done, and what is left then'),
@@ -150,6 +151,20 @@ def finished(picture: str, style: str = STYLE) -> str:
     opening, closing, rest = after.partition('>')
     body, end, tail = rest.rpartition('</svg>')
     return f'{before}{head}{opening}{closing}{styled}{body}<g class="legend">{legend}</g>{end}{tail}'
+
+
+_LONGEST_SIDE: Final = 1600
+"""Points: what is larger is shown smaller, as a whole, and readers zoom in."""
+
+
+def fitted(picture: str) -> str:
+    """Return an SVG that is displayed no larger than a screen, with all that is in it."""
+    match = re.search(r'<svg width="(\d+)pt" height="(\d+)pt"', picture)
+    longest = max(map(int, match.groups())) if match is not None else 0
+    if match is None or longest <= _LONGEST_SIDE:
+        return picture
+    width, height = (int(side) * _LONGEST_SIDE / longest for side in match.groups())
+    return f'{picture[: match.start()]}<svg width="{width:.0f}pt" height="{height:.0f}pt"{picture[match.end() :]}'
 
 
 def _entry(name: str, x: float, y: float) -> str:

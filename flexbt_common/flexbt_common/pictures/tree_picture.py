@@ -27,6 +27,8 @@ class NodeShape(Enum):
     SUBTREE = 'SubTree'
     ACTION = 'Action'
     CONDITION = 'Condition'
+    UNKNOWN = 'Unknown'
+    """A leaf of which nobody says whether it is an action or a condition."""
 
 
 # Shape in Graphviz; brackets of the shape in Mermaid.
@@ -36,6 +38,7 @@ _SHAPES: Final[Mapping[NodeShape, tuple[str, str]]] = {
     NodeShape.SUBTREE: ('shape=box3d, margin="0.16,0.1"', '[["|"]]'),
     NodeShape.ACTION: ('shape=box, style="rounded,filled"', '(["|"])'),
     NodeShape.CONDITION: ('shape=ellipse, margin="0.06,0.02"', '{"|"}'),
+    NodeShape.UNKNOWN: ('shape=box, style="rounded,filled,dashed"', '(["|"])'),
 }
 
 SYMBOLS: Final[Mapping[str, str]] = {
@@ -96,7 +99,7 @@ def trees_as_dot(trees: Trees) -> Iterator[str]:
     yield from DOT_HEAD
     grows_right = any(_leaves(nodes) > MOST_ABREAST for _, nodes in trees)
     if grows_right:
-        yield '  rankdir=LR; ranksep=0.8; nodesep=0.08; node [height=0.25]'
+        yield '  rankdir=LR; ranksep=0.5; nodesep=0.04; node [height=0.2, margin="0.08,0.02"]'
     for number, (title, nodes) in enumerate(trees):
         yield f'  subgraph cluster_{number} {{'
         yield f'    label={dot_text([title])}'

@@ -220,7 +220,7 @@ def machine_parts(machine: MachineDefinition) -> Parts:
             continue
         owner = node if isinstance(node, MachineDefinition) else node.state
         keys = {key: f'{{{node.remap.get(key, key)}}}' for key in (*owner.input_keys, *owner.output_keys)}
-        made_with = {} if isinstance(node, MachineDefinition) else node.state.unwrapped.made_with
+        made_with = {} if isinstance(node, MachineDefinition) else node.state.made_with
         found[node.path] = [Part(owner.type_name, {**made_with, **keys})]
         for outcome, way in node.transitions.items():
             level = AUTONOMY_NAMES.get(way.autonomy, '')

@@ -74,8 +74,10 @@ def _shown(read: Read) -> str:
 
 
 def _always_asks(node: Node) -> Iterator[Finding]:
-    for outcome, transition in node.transitions.items():
-        if transition.autonomy >= Autonomy.Full:
+    """Success that needs the operator at every level. For failures and decisions that is what Full is there for."""
+    for outcome in _outcomes_of(node, _SUCCESSES):
+        transition = node.transitions.get(outcome)
+        if transition is not None and transition.autonomy >= Autonomy.Full:
             message = (
                 f"outcome '{outcome}' requires autonomy Full, and passes only at a level above it: there is none, so "
                 'the operator is always asked'

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.pictures import svg
+from flexbt_common.pictures import fitted, svg
 from flexbt_tools.errors import UsageError
 from flexbt_tools.text_files import write_text
 
@@ -48,6 +48,6 @@ def _by_name(file: str) -> str:
 def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> str:
     text = '\n'.join(mermaid() if form == 'mermaid' else dot()) + '\n'
     try:
-        return svg(text) if form == 'svg' else text
+        return fitted(svg(text)) if form == 'svg' else text
     except ResourceError as error:
         raise UsageError(str(error)) from None

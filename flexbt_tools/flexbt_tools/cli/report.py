@@ -25,7 +25,7 @@ class Reported(NamedTuple):
 
 
 def add_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Rule]) -> None:
-    """What counts and how it is told: ``options.ignore``, ``options.strict``, ``options.json``."""
+    """What counts and how it is told: ``options.ignore``, ``options.remarks``, ``options.strict``, ``options.json``."""
     parser.add_argument(
         '--ignore',
         metavar='RULE',
@@ -34,22 +34,28 @@ def add_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Rule]) ->
         choices=[rule.name for rule in ignorable],
         help='do not look for this; repeatable: %(choices)s',
     )
+    parser.add_argument('--remarks', action='store_true', help='print what is only a remark, too (info)')
     parser.add_argument('--strict', action='store_true', help='warnings count as errors do for the exit code')
     arguments.add_json(parser)
 
 
 def report(options: argparse.Namespace, found: Iterable[Reported], noun: str, number: int) -> ExitCode:
-    """Prints what was found in a ``number`` of things, for each of which the ``noun`` stands."""
-    shown = [one for one in found if one.rule.name not in options.ignore]
+    """Print what was found in a ``number`` of things, for each of which the ``noun`` stands: errors first, and remarks
+    only where they are asked for."""
+    kept = [one for one in found if one.rule.name not in options.ignore]
+    order = list(Severity)
+    shown = sorted(kept, key=lambda one: order.index(one.rule.severity))
     counts = {severity: sum(one.rule.severity is severity for one in shown) for severity in Severity}
     if options.json:
         summary = {f'{noun}s': number, **{severity.value: count for severity, count in counts.items()}}
         print(json.dumps({'findings': [one.document for one in shown], 'summary': summary}))
     else:
         for one in shown:
-            print(one.line)
+            if options.remarks or one.rule.severity is not Severity.INFO:
+                print(one.line)
         parts = [_counted(count, severity) for severity, count in counts.items() if count]
-        print(f'{counted(number, noun)}: {", ".join(parts) or "nothing to complain about"}', file=sys.stderr)
+        more = '; --remarks prints the info' if counts[Severity.INFO] and not options.remarks else ''
+        print(f'{counted(number, noun)}: {", ".join(parts) or "no problems found"}{more}', file=sys.stderr)
     bad = counts[Severity.ERROR] + (counts[Severity.WARNING] if options.strict else 0)
     return ExitCode.NEGATIVE if bad else ExitCode.OK
 

@@ -27,6 +27,7 @@ _WRITERS_OF_CODES: Final[Mapping[str, tuple[str, ...]]] = {
 _SELECTED: Final = re.compile(r'selected_(\w+)')
 _CHOSEN: Final = re.compile(r'(\w+)_id')
 _ADDRESS: Final = re.compile(r'topic|service|server')
+_SWITCH: Final = re.compile(r'Switch[2-6]')
 _CODE: Final = re.compile(r'(\w+?)_error_(?:code|msg)(?:_id)?')
 _RECOVERIES: Final = frozenset(
     ('ClearEntireCostmap', 'ClearCostmapExceptRegion', 'ClearCostmapAroundRobot', 'BackUp', 'Spin', 'Wait')
@@ -85,7 +86,7 @@ def _shown(meanings: frozenset[str]) -> str:
 
 def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
     """A finding for each key that is called after another leaf, text that is another type's or contrary to the name of
-    its node, and RecoveryNode whose children are swapped."""
+    its node, child that stands at another case of a Switch, and RecoveryNode whose children are swapped."""
     used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
     manifests = list({one.id: one for one in (*registry, *used)}.values())
     coded = [one.id for one in manifests if any(name.startswith('error_code') for name in one.ports)]
@@ -104,9 +105,23 @@ def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnosti
                     problem = _text_of_another(node, name, value.text, owners.get((name, value.text), ()))
                 if problem:
                     yield Diagnostic(CROSSED, tree.error(node, problem, name))
+            for child, message in _wrong_cases(node):
+                yield Diagnostic(CROSSED, tree.error(child, message))
             if node.manifest.id == 'RecoveryNode' and len(node.children) == 2 and _are_swapped(node.children):
                 message = 'its first child only recovers, and the second one is what can fail: are they swapped?'
                 yield Diagnostic(CROSSED, tree.error(node, message))
+
+
+def _wrong_cases(node: NodeDefinition) -> Iterator[tuple[NodeDefinition, str]]:
+    """Children of a Switch that are called after the case of another child, and why they are wrong."""
+    if not _SWITCH.fullmatch(node.manifest.id):
+        return
+    cases = [node.values.get(f'case_{number}') for number in range(1, len(node.children) + 1)]
+    texts = [one.text.casefold() if one is not None and one.key is None else '' for one in cases]
+    for place, child in enumerate(node.children):
+        own = {child.name.casefold(), (child.tree_id or child.manifest.id).casefold()}
+        if not own.isdisjoint(texts) and texts[place] not in own:
+            yield child, f'it is called after a case of {node.label}, and stands where that is not the case'
 
 
 def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from flexbt_core.behavior_tree import NodeDefinition, NodeKind, PortDirection, T
 from flexbt_core.values import hint, one_line, shown
 from flexbt_tools.errors import UsageError
 
-from .stand_ins import UNKNOWN_PORT
+from .stand_ins import UNKNOWN_PORT, is_of_unknown_kind
 
 _ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: '→', PortDirection.INOUT: '↔'}
 _ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
@@ -93,10 +93,11 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
 
 def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:
     """The nodes as a picture shows them; ``ports`` as in :meth:`Item.attributes`."""
-    return [
-        DrawnNode(item.type, item.name, item.parent, NodeShape(item.kind.value), item.attributes(ports))
-        for item in items
-    ]
+    return [DrawnNode(item.type, item.name, item.parent, _shape(item), item.attributes(ports)) for item in items]
+
+
+def _shape(item: Item) -> NodeShape:
+    return NodeShape.UNKNOWN if is_of_unknown_kind(item.node.manifest) else NodeShape(item.kind.value)
 
 
 def is_main(library: TreeLibrary, key: TreeKey) -> bool:

@@ -6,7 +6,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, ClassVar, Final
 
 from flexbt_core.behavior_tree import (
     LoadError,
@@ -55,24 +56,35 @@ UNKNOWN_PORT: Final = Port(PortDirection.INOUT, declares=False)
 
 
 class StandIn:
-    """Marks the classes of node types that are not installed here. They cannot be ticked."""
+    """Marks the classes of node types that are not installed here. They cannot be ticked. ``is_guessed``: no file says
+    of which kind they are."""
 
     __slots__ = ()
 
+    is_guessed: ClassVar[bool] = False
 
-def _stand_in(kind: NodeKind, ports: Mapping[str, Port], where: str = __name__) -> type[TreeNode]:
+
+def _stand_in(
+    kind: NodeKind, ports: Mapping[str, Port], where: str = __name__, *, is_guessed: bool = False
+) -> type[TreeNode]:
     """A class whose module is told to be ``where``: the file that describes it, in messages about its ports."""
 
     def execute(self: TreeNode) -> NodeStatus:
         raise self.fault('this node type is not installed here')
 
-    members = {'__module__': where, 'kind': kind, 'ports': ports, 'execute': execute}
+    members = {'__module__': where, 'kind': kind, 'ports': ports, 'execute': execute, 'is_guessed': is_guessed}
     return type('StandIn', (StandIn, _BASES[kind]), members)
 
 
 def is_stand_in(manifest: NodeManifest) -> bool:
     """Whether nodes of this type can be shown and checked, but not ticked."""
     return issubclass(manifest.node_class, StandIn)
+
+
+def is_of_unknown_kind(manifest: NodeManifest) -> bool:
+    """Whether a leaf is of a type of which no file says whether it is an action or a condition."""
+    kind = manifest.node_class
+    return issubclass(kind, StandIn) and kind.is_guessed and manifest.kind is NodeKind.ACTION
 
 
 # -- as a model describes them ---------------------------------------------------------------------------------------
@@ -128,6 +140,15 @@ def _port(element: Element, known: dict[str, PortType]) -> Port:
 # -- as a file uses them ---------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=8)  # the trees of a file have its text in common
+def _described_kinds(text: str) -> Mapping[str, NodeKind]:
+    """The kinds of node types that a file itself describes in its <TreeNodesModel>."""
+    if '<TreeNodesModel' not in text:
+        return {}
+    models = _models(parse(Source('', text)))
+    return {one.attributes.get('ID', ''): _KINDS[one.tag] for one in models if one.tag in _KINDS}
+
+
 class _AnyPorts(Mapping[str, Port]):
     """Every name is a port, and none has to be given."""
 
@@ -163,20 +184,24 @@ class OpenRegistry(NodeRegistry):
 
     def _settled_root(self, tree: TreeDefinition) -> NodeDefinition:
         settled: dict[int, NodeDefinition] = {}
+        described = _described_kinds(tree.source.text)
         # Parents come first in the order of the document: from its end, children are there when they are needed.
         for node in reversed(list(tree.nodes())):
             children = tuple(settled.pop(id(child)) for child in node.children)
-            settled[id(node)] = self._settle(tree, node._replace(children=children))
+            settled[id(node)] = self._settle(tree, node._replace(children=children), described)
         return settled[id(tree.root)]
 
-    def _settle(self, tree: TreeDefinition, node: NodeDefinition) -> NodeDefinition:
+    def _settle(self, tree: TreeDefinition, node: NodeDefinition, described: Mapping[str, NodeKind]) -> NodeDefinition:
         if not isinstance(node.manifest.ports, _AnyPorts):
             return node
         tag = _TAG.match(tree.source.text, node.offset)
         kind = _KINDS.get(tag.group(1)) if tag is not None else None
+        kind = kind or described.get(node.manifest.id)
         count = len(node.children)
-        if kind is None or (count > 0) != (kind in (NodeKind.CONTROL, NodeKind.DECORATOR)):
+        is_guessed = kind is None or (count > 0) != (kind in (NodeKind.CONTROL, NodeKind.DECORATOR))
+        if kind is None or is_guessed:
             kind = (NodeKind.ACTION, NodeKind.DECORATOR, NodeKind.CONTROL)[min(count, 2)]
         ports: dict[str, Any] = dict.fromkeys(node.values, UNKNOWN_PORT)
-        manifest = replace(node.manifest, kind=kind, ports=ports, node_class=_stand_in(kind, ports))
+        node_class = _stand_in(kind, ports, is_guessed=is_guessed)
+        manifest = replace(node.manifest, kind=kind, ports=ports, node_class=node_class)
         return node._replace(manifest=manifest)

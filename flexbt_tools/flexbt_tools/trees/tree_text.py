@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeKind, TreeKey, TreeLibrary
@@ -25,12 +27,14 @@ _UNICODE: Final = _Lines('├─ ', '└─ ', '│  ', '   ')
 _ASCII: Final = _Lines('|- ', '`- ', '|  ', '   ')
 
 
-def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool) -> Iterator[str]:
-    """A line for each node; ``ports`` as in :meth:`.Item.attributes`."""
+def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool, width: int) -> Iterator[str]:
+    """A line for each node, or several where it has more than ``width`` characters; ``ports`` as in
+    :meth:`.Item.attributes`."""
     lines = _ASCII if ascii_only else _UNICODE
     # What stands in front of the children of each node of the path to the current one.
     margins: list[str] = []
-    for item in items:
+    all_items = list(items)
+    for item, following in zip_longest(all_items, all_items[1:]):
         del margins[max(item.depth - 1, 0) :]
         margin = ''.join(margins)
         if item.depth:
@@ -38,9 +42,29 @@ def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool) -> Iterat
             margins.append(lines.past_last if item.last else lines.past)
         else:
             branch = ''
-        words = [_title(item)]
-        words += item.attributes(ports, ascii_only=ascii_only)
-        yield f'{margin}{branch}{"  ".join(words)}'
+        below = ''.join(margins) + (lines.past if following and following.depth > item.depth else lines.past_last)
+        words = [_title(item), *item.attributes(ports, ascii_only=ascii_only)]
+        first, *others = _wrapped(words, max(width - len(below), _LEAST_WIDTH))
+        yield f'{margin}{branch}{first}'
+        yield from (f'{below}{other}' for other in others)
+
+
+_LEAST_WIDTH: Final = 40
+"""Characters of a node in a line, however deep it is."""
+
+
+def _wrapped(words: Iterable[str], width: int) -> Iterator[str]:
+    """Words in lines; what does not fit into one is broken."""
+    line = ''
+    for word in words:
+        if line and len(line) + 2 + len(word) > width:
+            yield line
+            line = ''
+        if len(word) > width:
+            *rows, word = textwrap.wrap(word, width, break_on_hyphens=False, subsequent_indent='  ')
+            yield from rows
+        line = f'{line}  {word}' if line else word
+    yield line
 
 
 def _title(item: Item) -> str:

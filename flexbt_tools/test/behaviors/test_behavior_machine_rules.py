@@ -72,12 +72,13 @@ def test_a_loop_that_asks_the_operator_waits() -> None:
 
 
 def test_machines_in_machines() -> None:
-    inner = OperatableStateMachine(outcomes=['left', 'right'])
+    inner = OperatableStateMachine(outcomes=['done', 'failed'])
     with inner:
         OperatableStateMachine.add('Spin', Leaf('go', is_instant=True), {'go': 'Spin'})
     outer = OperatableStateMachine(outcomes=['done'])
     with outer:
-        OperatableStateMachine.add('Inner', inner, {'left': 'done', 'right': 'done'}, {'left': Autonomy.Full})
+        levels = {'done': Autonomy.Full, 'failed': Autonomy.Full}  # that a failure always asks is no remark
+        OperatableStateMachine.add('Inner', inner, {'done': 'done', 'failed': 'done'}, levels)
     assert sorted(found(outer)) == [('always-asks', '/Inner'), ('endless-loop', '/Inner/Spin'), ('no-end', '/Inner')]
 
 

@@ -280,7 +280,7 @@ def test_a_file_and_what_it_includes_are_one(tmp_path: Path) -> None:
         document('Main: <SubTree ID="S"/>').replace('<Beh', '<include path="lib/b.xml"/>\n<Beh')
     )
     shown = tool('check', '--allow-unknown', str(tmp_path / 'a.xml'))
-    assert shown == (0, '', '1 file: nothing to complain about\n')
+    assert shown == (0, '', '1 file: no problems found\n')
     # Also when it is checked by itself, too, under another name.
     with contextlib.chdir(tmp_path):
         shown = tool('check', '--allow-unknown', '--strict', '--ignore', 'unused-tree', './lib/../a.xml', 'lib/b.xml')
@@ -308,7 +308,7 @@ def test_exit_codes_and_output(tmp_path: Path) -> None:
     clean.write_text(document('Main: <AlwaysSuccess/>'))
     slip.write_text(document('Main: <Fallback><AlwaysSuccess/><AlwaysFailure/></Fallback>'))
     broken.write_text(document('Main: <Nothing/>'))
-    assert tool('check', str(clean)) == (0, '', '1 file: nothing to complain about\n')
+    assert tool('check', str(clean)) == (0, '', '1 file: no problems found\n')
     finding = 'it is never ticked: <AlwaysSuccess> gives only SUCCESS'
     text = f'{slip}:2:51: warning: <AlwaysFailure>: {finding} [unreachable]\n'
     assert tool('check', str(clean), str(slip)) == (0, text, '2 files: 1 warning\n')
@@ -350,7 +350,7 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
     assert done.err == '1 file: 1 error\n'
     told = json.loads(tool('check', '--json', str(tree)).out)['findings']
     assert [one['message'] for one in told] == [f'node type [{one}] is not registered' for one in ('Grasp', 'Held')]
-    assert tool('check', '--allow-unknown', str(tree)) == (0, '', '1 file: nothing to complain about\n')
+    assert tool('check', '--allow-unknown', str(tree)) == (0, '', '1 file: no problems found\n')
     models.write_text(
         '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Held"/><Action ID="Grasp">'
         '<input_port name="object" type="Cup"/><input_port name="force" type="double"/></Action>'
@@ -402,13 +402,13 @@ def test_of_a_package_only_what_has_a_name_that_is_taken_is_left_out(
         'registered already, for flexbt_core.behavior_tree.nodes.actions.AlwaysSuccess; choose another ID',
         'note: without the node type [OpenDoor] of two = leaves_of_two:register: node ID [OpenDoor] is registered '
         'already, for leaves_of_one.act; choose another ID',
-        '1 file: nothing to complain about',
+        '1 file: no problems found',
     ]
 
 
 @pytest.mark.skipif(not STOCK_TREES, reason='the trees of Nav2 are not at hand')
 def test_the_trees_of_nav2_have_no_errors_and_no_warnings() -> None:
-    done = tool('check', '--strict', '--allow-unknown', *map(str, STOCK_TREES))
+    done = tool('check', '--strict', '--remarks', '--allow-unknown', *map(str, STOCK_TREES))
     assert done.code == 0, done.out
     # The only tree that calls this code by another name than all others do.
     [slip] = [line for line in done.out.splitlines() if 'backup_code_id' in line]

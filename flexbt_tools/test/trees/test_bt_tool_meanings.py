@@ -60,3 +60,14 @@ def test_one_key_for_the_codes_of_all_is_right(tmp_path: Path) -> None:
     both = PLAN.replace('/>', ' error_code_id="{code}"/>') + follow
     assert crossed(tmp_path, document(f'Main: <Sequence>{both}</Sequence>')) == []
     assert crossed(tmp_path, document('Main: <Spin name="LoadGlobal" error_code_id="{spin_error_code}"/>')) == []
+
+
+def test_children_of_a_switch_stand_at_their_cases(tmp_path: Path) -> None:
+    def switch(first: str, second: str) -> str:
+        children = f'<Wait name="{first}"/><Spin name="{second}"/><AlwaysFailure/>'
+        return document(f'Main: <Switch2 variable="{{mode}}" case_1="fetch" case_2="bring">{children}</Switch2>')
+
+    assert crossed(tmp_path, switch('Fetch', 'bring')) == []
+    assert crossed(tmp_path, switch('one', 'two')) == []
+    told = 'it is called after a case of <Switch2>, and stands where that is not the case'
+    assert crossed(tmp_path, switch('bring', 'Fetch')) == [told, told]

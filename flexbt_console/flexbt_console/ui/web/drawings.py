@@ -120,7 +120,7 @@ def _tree_drawing(tree: str, nodes: tuple[TreeNode, ...]) -> Drawing:
 
 
 _SHAPES: Final = {
-    NodeKind.UNKNOWN: NodeShape.ACTION,
+    NodeKind.UNKNOWN: NodeShape.UNKNOWN,
     NodeKind.ACTION: NodeShape.ACTION,
     NodeKind.CONDITION: NodeShape.CONDITION,
     NodeKind.CONTROL: NodeShape.CONTROL,

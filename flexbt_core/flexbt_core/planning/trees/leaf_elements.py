@@ -33,6 +33,8 @@ _IN_VAIN: Final = 'succeeded without its effects'
 _MARGIN: Final = 3
 _NAME: Final = re.compile(r'[^\W\d][\w-]*')
 """Of types and ports: BehaviorTree.CPP 4.8 takes leaves as tags of their types only."""
+_LONGEST_LINE: Final = 120
+_ATTRIBUTE: Final = re.compile(r' (?=[\w:-]+="[^"]*")')
 _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
@@ -40,6 +42,14 @@ def failed_action(problem: Problem, reason: str) -> tuple[str, str] | None:
     """The action because of which a tree gave up for this reason, and what it did; None when it was none."""
     did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
     return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
+
+
+def _rows(line: str) -> Iterable[str]:
+    """A line of XML; one that is too long has a line for each attribute."""
+    if len(line) <= _LONGEST_LINE:
+        return [line]
+    margin = ' ' * (len(line) - len(line.lstrip(' ')))
+    return _ATTRIBUTE.sub(f'\n{margin}    ', line).splitlines()
 
 
 class LeafWriter:
@@ -60,7 +70,9 @@ class LeafWriter:
             for port in sorted(ports):
                 add(model, 'input_port', name=port)
         ElementTree.indent(root)
-        return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding='unicode') + '\n'
+        text = ElementTree.tostring(root, encoding='unicode')
+        rows = (row for line in text.splitlines() for row in _rows(line))
+        return '<?xml version="1.0" encoding="UTF-8"?>\n' + '\n'.join(rows) + '\n'
 
     def goal(self, parent: ElementTree.Element, goals: Sequence[int]) -> None:
         """Whether one of the goals holds."""

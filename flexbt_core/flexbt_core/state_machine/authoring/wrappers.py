@@ -7,7 +7,7 @@ state and enters it again when it fails. Both have the keys of the state, and it
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_core.state_machine.model import (
@@ -70,6 +70,10 @@ class StateWrapper(EventState):
     @property
     def unwrapped(self) -> EventState:
         return self.inner.unwrapped
+
+    @property
+    def made_with(self) -> Mapping[str, str]:
+        return {**super().made_with, **self.inner.made_with}
 
     @property
     def type_name(self) -> str:

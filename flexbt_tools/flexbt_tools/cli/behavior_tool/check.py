@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import argparse
 
-from flexbt_tools.behaviors import REFUSED, RULES, build, check_behavior, installed
+from flexbt_tools.behaviors import REFUSED, RULES, behavior_entry, build, check_behavior, installed
 from flexbt_tools.cli import Reported, arguments, report
 from flexbt_tools.errors import ExitCode
 
@@ -13,7 +13,12 @@ from .behavior_arguments import add_parameters, add_tree_files, parameters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('names', metavar='NAME', nargs='*', help='installed behavior (default: all)')
+    parser.add_argument(
+        'names',
+        metavar='NAME',
+        nargs='*',
+        help='installed behavior, or file (.yaml) of a machine (default: all installed)',
+    )
     add_parameters(parser)
     add_tree_files(parser)
     arguments.add_node_types(parser)
@@ -24,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> ExitCode:
     registry = arguments.registry(options, allow_unknown=options.allow_unknown)
     skills = arguments.skill_library(options.skills, registry)
-    entries = installed(options.names)
+    entries = [behavior_entry(name) for name in options.names] or installed([])
     arguments_of = parameters(options)
     reported = [
         Reported(one.rule, one.text(entry.name), one.to_json(entry.name))

@@ -7,6 +7,7 @@ import argparse
 import gzip
 import json
 import sys
+import textwrap
 from pathlib import Path
 from typing import Final
 
@@ -41,6 +42,8 @@ from .plan_picture import draw_plan
 from .plan_text import plan_document, plan_summary
 
 _MOST_BYTES: Final = 100_000_000
+_WIDTH: Final = 120
+"""Characters of a line of the summary."""
 _EXIT_CODES: Final = {
     Outcome.SOLVED: ExitCode.OK,
     Outcome.UNSOLVABLE: ExitCode.NEGATIVE,
@@ -121,7 +124,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         print(text, end='')
     if not options.quiet and not options.json:
         for line in plan_summary(found):
-            print(*lines(line), sep='\n', file=sys.stderr)
+            for row in lines(line):
+                print(textwrap.fill(row, _WIDTH, break_on_hyphens=False, subsequent_indent='  '), file=sys.stderr)
     if found.coverage is not None and not found.coverage.complete:
         return ExitCode.UNFINISHED
     return _EXIT_CODES[found.outcome]

@@ -5,13 +5,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 from collections.abc import Iterator
+from typing import Final
 
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.values import one_line
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.trees import is_main, items_of, read_library, tree_as_json, tree_lines
+
+_WIDTH: Final = 120
+"""Characters of a line where there is no terminal."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,4 +47,6 @@ def _tree(library: TreeLibrary, key: TreeKey, options: argparse.Namespace) -> It
     main = ' (main)' if is_main(library, key) else ''
     place = f'{tree.source.file}:{tree.source.position(tree.offset)[0]}'
     yield one_line(f'{key.id}{main}  {place}')
-    yield from tree_lines(items_of(library, key, expand=options.expand), options.ports, ascii_only=options.ascii)
+    items = items_of(library, key, expand=options.expand)
+    width = shutil.get_terminal_size((_WIDTH, 0)).columns
+    yield from tree_lines(items, options.ports, ascii_only=options.ascii, width=width)
