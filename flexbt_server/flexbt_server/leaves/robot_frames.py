@@ -51,6 +51,8 @@ class RobotFrames:
             try:
                 return self.pose_in(pose, frame or self.global_frame)
             except TransformError as error:
+                if base != self.robot_base_frame:
+                    raise
                 raise TransformError(self._pose.without_message(str(error))) from None
         return self.pose_in(pose, frame or self.global_frame)
 
