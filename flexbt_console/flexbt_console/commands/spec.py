@@ -266,11 +266,6 @@ class CommandSpec:
         """The options that mean something at the interactive prompt."""
         return tuple(option for option in self.options if option.in_prompt)
 
-    @property
-    def options_hint(self) -> str:
-        """What these are, in a line: for a form that has a field for them."""
-        return '; '.join(f'{option.usage}: {option.help}' for option in self.prompt_options)
-
     def _usage(self, options: tuple[Option, ...]) -> str:
         shown = [f'[{option.usage}]{"..." if option.repeated else ""}' for option in options]
         return ' '.join([self.name, *(argument.usage for argument in self.arguments), *shown])

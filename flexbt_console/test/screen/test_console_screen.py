@@ -662,6 +662,7 @@ def test_a_behavior_that_cannot_be_loaded_is_listed_with_the_reason_and_cannot_b
         await pilot.press(*('backspace',) * 6, 'down', 'enter')
         await pilot.pause()
         assert 'start Patrol' in text_of(app)  # the arrows pass over it
+        robot.clock.advance(0.5)
         await pilot.press('enter')
         assert [one.behavior for one in robot.link.sent] == ['Patrol']
 
@@ -857,8 +858,10 @@ def test_enter_twice_at_once_starts_once() -> None:
     async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for count, parameters in enumerate(((), (BehaviorParameter('speed', 'float', '0.3'),)), 1):
             robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Errand', parameters=parameters),)))
-            await pilot.press('s', 'down', 'enter')
-            await pilot.pause()
+            await pilot.press('s', 'down', 'enter', 'enter', 'enter')
+            assert len(robot.link.kinds) == count - 1 and 'just opened' in text_of(app)  # nobody has read it yet
+            robot.clock.advance(0.5)
+            robot.show()
             type_at_once(app, 'enter', 'enter')
             await pilot.pause()
             assert robot.link.kinds == [CommandKind.START] * count and len(app.screen_stack) == 1

@@ -625,7 +625,7 @@ class OperatorScreen(OrderedApp):
     _do_switch = _do_start
 
     def _fill_in(self, command: CommandSpec, behavior: Behavior) -> None:
-        self.open(StartForm(command, behavior, self._view()), self.do)
+        self.open(StartForm(command, behavior, self._view(), self._clock), self.do)
 
     def _do_note(self, key: Key, view: View) -> None:
         self._line.open('note ')

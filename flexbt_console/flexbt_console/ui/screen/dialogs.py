@@ -27,6 +27,8 @@ from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import POSE_TYPES, Behavior, BehaviorInput, BehaviorParameter, Pose, View
 from flexbt_console.pictures import fold, map_image, where_text
 from flexbt_console.present import BOOLEANS, Line, parameter_text, tone_of
+from flexbt_console.ui.interaction import REACTION_SECONDS
+from flexbt_core.clock import Clock
 from flexbt_core.values import one_line, shown
 
 from .panes import Pane, styled
@@ -195,6 +197,7 @@ class FormField(Input):
         suggester = SuggestFromList(choices, case_sensitive=True) if choices else None
         super().__init__(default, suggester=suggester, placeholder=placeholder, select_on_focus=True)
         self.told = told
+        self._default = default
         self._choices = choices
 
     def action_step(self, by: int) -> None:
@@ -203,6 +206,11 @@ class FormField(Input):
             place = self._choices.index(self.value) + by if self.value in self._choices else min(by, 0)
             self.value = self._choices[place % len(self._choices)]
             self.cursor_position = len(self.value)
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether something else was filled in."""
+        return self.value != self._default
 
     def words(self) -> list[str]:
         """Return the words of the line for it. Raises ConsoleError when the value cannot be used."""
@@ -273,7 +281,8 @@ class StartForm(ModalScreen[str | None]):
     """A field for each parameter and input of a behavior, and for each option of the command; returns the line that
     starts it, or None.
 
-    ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays.
+    ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays. So does an
+    Enter that comes at once while nothing was filled in: it was meant for what opened the form.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -283,8 +292,10 @@ class StartForm(ModalScreen[str | None]):
         Binding('shift+tab', 'app.focus_previous', 'previous', priority=True),
     ]
 
-    def __init__(self, command: CommandSpec, behavior: Behavior, view: View) -> None:
+    def __init__(self, command: CommandSpec, behavior: Behavior, view: View, clock: Clock) -> None:
         super().__init__()
+        self._clock = clock
+        self._opened_at = clock.now()
         self._command = command
         self._behavior = behavior
         typed = Typed((behavior.name,), view)
@@ -321,6 +332,10 @@ class StartForm(ModalScreen[str | None]):
 
     def action_send(self) -> None:
         """Return the line; where a value cannot be used, say why, at its field."""
+        is_untouched = self.focused in (None, *self._fields[:1]) and not any(field.is_changed for field in self._fields)
+        if is_untouched and self._clock.now() - self._opened_at < REACTION_SECONDS:
+            self.query_one('.dialog').border_subtitle = Text(f'just opened: Enter again: {self._command.name}', 'bold')
+            return
         words = [self._command.name, self._behavior.name]
         for field in self._fields:
             try:
