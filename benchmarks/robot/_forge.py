@@ -2,6 +2,7 @@
 """Forges what a console listens to: robots that do not exist, or trees that nobody runs.
 
 Usage: python3 _forge.py robots COUNT RATE PARENT    statuses under the names /z0, /z1, ..., RATE a second for each
+       python3 _forge.py names COUNT SECONDS PARENT  one status each, and after SECONDS others under other names
        python3 _forge.py trees COUNT NODES PARENT    COUNT runs of trees of NODES nodes, ten statuses a second in all
        (PARENT: the process with which it ends)
 """
@@ -34,7 +35,7 @@ def main(kind: str, count: int, amount: float, parent: int) -> None:
         return
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('forger')
-    {'robots': forge_robots, 'trees': forge_trees}[kind](node, count, amount)
+    {'robots': forge_robots, 'names': forge_names, 'trees': forge_trees}[kind](node, count, amount)
 
 
 def forge_robots(node: Node, count: int, rate: float) -> None:
@@ -55,6 +56,23 @@ def forge_robots(node: Node, count: int, rate: float) -> None:
             if number % 100 == 99:
                 time.sleep(max(0.0, began + (number + 1) / count / rate - time.monotonic()))
         time.sleep(max(0.0, began + 1.0 / rate - time.monotonic()))
+
+
+def forge_names(node: Node, count: int, seconds: float) -> None:
+    """Executives that come and go."""
+    turn = 0
+    while True:
+        turn += 1
+        publishers = []
+        for number in range(count):
+            topic = f'/z{turn}_{number}/{names.EXECUTIVE_STATUS}'
+            publishers.append(node.create_publisher(ExecutiveStatus, topic, names.latched()))
+            publishers[-1].publish(ExecutiveStatus(executive_id=f'z{number}', sequence=1, heartbeat_period=1.0))
+        if turn == 1:
+            print('forges', flush=True)
+        time.sleep(seconds)
+        for publisher in publishers:
+            node.destroy_publisher(publisher)
 
 
 def forge_trees(node: Node, count: int, nodes: float) -> None:

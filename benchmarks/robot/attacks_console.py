@@ -39,6 +39,7 @@ from flexbt_testing.waiting import wait_until
 ATTACKS: Final[dict[str, tuple[str, ...]]] = {
     'none': (),
     'robots': ('robots', '1000', '1'),
+    'names': ('names', '200', '10'),
     'trees': ('trees', '8', '60000'),
 }
 """What :mod:`_forge` is told to forge."""
@@ -67,6 +68,12 @@ class Target:
 
     def _note(self, command: Any) -> None:
         self.stops.setdefault(command.id, time.monotonic())
+
+    def wait(self, count: int) -> float | None:
+        """When one more STOP than so many has come; None when it does not come in time."""
+        with contextlib.suppress(AssertionError):
+            wait_until(lambda: len(self.stops) > count, 'the STOP', STOP_SECONDS)
+        return next(iter(list(self.stops.values())[count:]), None)
 
     def run(self) -> None:
         """A behavior runs."""
@@ -231,10 +238,8 @@ def measure(target: Target, attack: str, name: str, seconds: float) -> dict[str,
             target.run()
             known, began = len(target.stops), time.monotonic()
             console.stop()
-            with contextlib.suppress(AssertionError):
-                wait_until(lambda known=known: len(target.stops) > known, 'the STOP', STOP_SECONDS)
-            came = list(target.stops.values())[known:]
-            took.append(round(came[0] - began if came else STOP_SECONDS, 2))
+            came = target.wait(known)
+            took.append(STOP_SECONDS if came is None else round(came - began, 2))
             time.sleep(REST)
         memory = console.megabytes()
     return {'attack': attack, 'console': name, 'seconds': took, 'megabytes': memory}

@@ -136,7 +136,7 @@ class _Connections:
         asyncio.get_running_loop().call_later(REQUEST_SECONDS, self._end_silent, protocol)
         return protocol
 
-    def _end_silent(self, protocol: web.RequestHandler[web.Request]) -> None:
+    def _end_silent(self, protocol: web.RequestHandler) -> None:
         if protocol in self._silent:
             self._silent.discard(protocol)
             if isinstance(protocol.transport, asyncio.Transport):
