@@ -37,6 +37,8 @@ class ServiceLink(ServerLink):
     """The connection of this node to one service. Made by :class:`ServiceLinks`, on the executor thread; ``client`` is
     rclpy's."""
 
+    asks_silent = True  # a cancel, above all
+
     def __init__(self, runtime: NodeRuntime, service_type: Any, name: str, nodes: ServerNodes) -> None:
         super().__init__(runtime, name, nodes, f'rr{runtime.node.resolve_service_name(name)}Reply')
         self.service_type = service_type

@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
+import signal
 import threading
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from action_msgs.srv import CancelGoal
 from nav2_msgs.action import Wait
 from std_srvs.srv import SetBool, Trigger
 
 from flexbt_common.calls import (
     ActionCall,
     ActionLinks,
+    GoalStatus,
     ServiceCall,
     ServiceLink,
     ServiceLinks,
@@ -23,7 +27,7 @@ from flexbt_common.calls import (
 )
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
-from flexbt_testing.system.python_process import python_process
+from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 PATIENT = {'server_timeout': DEADLINE, 'response_timeout': DEADLINE}
@@ -83,10 +87,19 @@ def test_no_response_in_time_and_a_late_one_is_ignored(link: ServiceLink) -> Non
         assert outcomes.empty()
 
 
+@contextlib.contextmanager
+def scripted_server() -> Iterator[PythonProcess]:
+    with python_process(['-m', 'flexbt_testing.nodes.scripted_action_server', 'token']) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
+
+
 def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: ServiceLink) -> None:
     runtime, outcomes = link.runtime, queue.Queue[ServiceOutcome]()
     held = ServiceLinks(runtime).link(Trigger, 'held')
-    with python_process(['-m', 'flexbt_testing.nodes.scripted_action_server', 'token']) as child:
+    with scripted_server() as child:
         watch = LivelinessWatch(runtime, '/scripted')
         wait_until(lambda: runtime.call(held.is_ready) and watch.ready, 'the service and its token')
         ServiceCall(held, Trigger.Request(), on_done=outcomes.put, response_timeout=1e3)
@@ -96,6 +109,24 @@ def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: Service
     assert not outcome.ok and 'is gone' in outcome.reason
     assert runtime.call(held.is_shown) and not runtime.call(held.is_ready)
     assert 'no service' in service_outcome(held, Trigger.Request(), 0.1).reason
+
+
+def test_a_service_that_hangs_is_given_up_after_its_time_and_gets_the_request_when_it_goes_on() -> None:
+    with NodeRuntime.open('asker') as runtime, scripted_server() as child:
+        cancel = ServiceLinks(runtime, peer_timeout=0.6).link(CancelGoal, 'wait/_action/cancel_goal')
+        action = ActionLinks(runtime).link(Wait, 'wait')
+        watch, outcomes = LivelinessWatch(runtime, '/scripted', timeout=0.6), queue.Queue[Any]()
+        wait_until(lambda: runtime.call(cancel.is_ready) and watch.ready, 'the service and its token')
+        accepted = threading.Event()
+        ActionCall(action, Wait.Goal(), on_done=outcomes.put, on_accepted=accepted.set, accept_timeout=DEADLINE)
+        assert accepted.wait(DEADLINE)
+        child.send_signal(signal.SIGSTOP)
+        wait_until(lambda: watch.alive is False, 'too late')
+        assert runtime.call(cancel.is_ready)
+        outcome = service_outcome(cancel, CancelGoal.Request(), DEADLINE)
+        assert not outcome.ok and 'is gone' in outcome.reason
+        child.send_signal(signal.SIGCONT)
+        assert outcomes.get(timeout=DEADLINE).status is GoalStatus.CANCELED
 
 
 def test_a_request_that_is_given_up_ends_once(link: ServiceLink) -> None:
