@@ -43,6 +43,9 @@ REMEMBERED_STRUCTURES: Final = 4
 LISTEN_SECONDS: Final = 2.0
 """In which an executive that is there is heard: before that nobody can say that there is none."""
 
+GUARD_SECONDS: Final = 3.0
+"""After which a stop guard that holds the robot should have been heard again: it says so twice a second."""
+
 TRACE_STEP: Final = 0.05
 """Metres from one point of the driven path that is kept to the next."""
 
@@ -108,6 +111,7 @@ class Mirror:
         self._freshness = Freshness(lost_after)
         self._commands = CommandTracker()
         self._guard = StopGuard()
+        self._guard_heard = 0.0
         self._listens_until = clock.now() + LISTEN_SECONDS
         self._snapshot: Snapshot | None = None
         self._sent: float | None = None
@@ -168,6 +172,7 @@ class Mirror:
         """Take what the stop guard says."""
         with self._lock:
             self._guard = guard
+            self._guard_heard = self._now()
             settled = self._commands.carried_out(guard, self._now())
         self._tell(Change.COMMAND if settled else Change.LINK)
 
@@ -381,7 +386,7 @@ class Mirror:
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
                 listening=snapshot is None and not self._problem and now < self._listens_until,
-                guard=self._guard,
+                guard=replace(self._guard, is_silent=now - self._guard_heard > GUARD_SECONDS),
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:

@@ -247,21 +247,25 @@ class Peer:
 @dataclass(frozen=True, slots=True)
 class StopGuard:
     """What the stop guard does (StopGuardStatus.msg): the identifiers of the STOPs that it has ``carried_out``, and for
-    whose it keeps the robot at rest, if it does. ``going_on`` are actions that go on all the same."""
+    whose it keeps the robot at rest, if it does. ``going_on`` are actions that go on all the same. If it
+    ``is_silent``, it has said that it holds the robot, and should have said so again since."""
 
     carried_out: tuple[str, ...] = ()
     holding: bool = False
     operator: str = ''
     going_on: tuple[str, ...] = ()
+    is_silent: bool = False
 
     @property
     def told(self) -> str:
         """That it keeps the robot at rest, and why; '' while it does not."""
         if not self.holding:
             return ''
+        if self.is_silent:
+            return 'STOP GUARD SILENT: it held the robot, and does not say so any more; stop the robot by other means'
         goes_on = f'; {", ".join(map(one_line, self.going_on))} goes on, restart it' if self.going_on else ''
         who = one_line(self.operator) or 'somebody'
-        return f'HELD BY THE STOP GUARD: the executive has not answered the STOP of {who}; restart it{goes_on}'
+        return f'HELD BY THE STOP GUARD: no answer of the executive; restart it (STOP of {who}){goes_on}'
 
 
 @dataclass(frozen=True, slots=True)

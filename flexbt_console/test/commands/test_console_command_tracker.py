@@ -22,6 +22,7 @@ from flexbt_console.mirror import (
     Transit,
 )
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
+from flexbt_console.mirror.mirror import GUARD_SECONDS
 from flexbt_console.present import alarm_line, command_result_lines
 from flexbt_core.clock import ManualClock
 
@@ -163,6 +164,10 @@ def test_a_stop_that_the_guard_has_confirmed_goes_on_to_the_executive() -> None:
     assert (tracked.state, tracked.confirmed_by) == (CommandState.APPLIED, Confirmation.STOP_GUARD)
     assert 'confirmed by the stop guard' in command_result_lines(tracked)[0]
     assert state(mirror, 'b') is CommandState.PENDING, 'it stops, and does nothing else'
+    assert 'HELD BY THE STOP GUARD' in alarm_line(mirror.view())
+    clock.advance(GUARD_SECONDS + 0.1)
+    assert 'STOP GUARD SILENT' in alarm_line(mirror.view()), 'it may have been killed'
+    mirror.receive_guard(StopGuard(('a', 'b'), holding=True, operator='ann'))
     assert 'HELD BY THE STOP GUARD' in alarm_line(mirror.view())
     assert 'a' in [one.id for one in mirror.due_commands(True)]
     mirror.receive_snapshot(answers(2, ('a', ResultCode.REFUSED, 'unconfigured')))

@@ -14,7 +14,7 @@ import functools
 import sys
 import uuid
 from collections import OrderedDict
-from typing import Any, Final
+from typing import Final
 
 from rclpy.event_handler import PublisherEventCallbacks
 
@@ -74,7 +74,6 @@ class StopGuard:
         self._open: OrderedDict[str, ExecutiveCommand] = OrderedDict()  # not applied by an executive, oldest first
         self._known: OrderedDict[str, None] = OrderedDict()
         self._carried_out: OrderedDict[str, None] = OrderedDict()
-        self._told: tuple[Any, ...] = ()
         self._timer: Timer | None = None
         self._is_told_soon = False
         self._newest: Received | None = None  # status of the executive
@@ -210,14 +209,10 @@ class StopGuard:
         return self._open[next(reversed(self._open))]
 
     def _publish(self) -> None:
-        """Send a status, if anything is new in it."""
+        """Send a status: on change, and again and again while it holds the robot, so that its death is noticed."""
         is_holding = self._motion.is_holding
         operator = self._latest.operator_id if is_holding else ''
         going_on = sorted({*self._motion.going_on.values()}) if is_holding else []
-        told = (is_holding, operator, tuple(self._carried_out), going_on)
-        if told == self._told:
-            return
-        self._told = told
         self._sequence += 1
         status = StopGuardStatus(
             stamp=self._runtime.clock.stamp(),
