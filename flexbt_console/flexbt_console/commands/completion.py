@@ -28,10 +28,11 @@ def candidates(text: str, view: View) -> list[str]:
 
 
 class Offer(NamedTuple):
-    """What a line may become, and what that does."""
+    """What a line may become, what that does, and why it would be refused ('' when it would not)."""
 
     line: str
     about: str = ''
+    refusal: str = ''
 
 
 def offers(text: str, view: View) -> list[Offer]:
@@ -40,8 +41,15 @@ def offers(text: str, view: View) -> list[Offer]:
     begun = text[: len(text) - len(text.rpartition(' ')[2])]
     specs = {spec.name: spec for spec in COMMANDS if spec.in_prompt}
     abouts = {} if begun else {spec.name: spec.summary for spec in specs.values()}
-    found = [Offer(begun + word, abouts.get(word, '')) for word in candidates(text, view)]
     words = text.lower().split()
+    if words and words[0] in ('start', 'switch'):
+        known = {f'{words[0]} {one.name}': Offer('', one.description, one.error) for one in view.behaviors or ()}
+    else:
+        known = {}
+    found = []
+    for word in candidates(text, view):
+        line = begun + word
+        found.append(known[line]._replace(line=line) if line in known else Offer(line, abouts.get(word, '')))
     if words and not (begun and words[0] in specs):
         lines = {offer.line for offer in found}
         for spec in specs.values():

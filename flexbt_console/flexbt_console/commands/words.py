@@ -15,7 +15,8 @@ def levels(typed: Typed) -> Iterable[str]:
 
 
 def behaviors(typed: Typed) -> Iterable[str]:
-    return (behavior.name for behavior in typed.view.behaviors or () if not behavior.error)
+    """Those that cannot be loaded come last: whoever starts one is told why it cannot be."""
+    return (one.name for one in sorted(typed.view.behaviors or (), key=lambda one: bool(one.error)))
 
 
 def parameters(typed: Typed) -> Iterable[str]:

@@ -665,6 +665,13 @@ def test_a_behavior_that_cannot_be_loaded_is_listed_with_the_reason_and_cannot_b
         robot.clock.advance(0.5)
         await pilot.press('enter')
         assert [one.behavior for one in robot.link.sent] == ['Patrol']
+        await pilot.press(*':start ')
+        await seen(robot, pilot)
+        assert re.search(r'start Broken +not possible: ImportError: no module named \[moveit\]', text_of(app))
+        robot.show()
+        await pilot.press(*'Broken', 'enter')
+        await seen(robot, pilot)
+        assert len(robot.link.sent) == 1 and "'Broken' cannot be used: ImportError" in text_of(app)
 
     on_screen(robot, steps)
 

@@ -92,10 +92,11 @@ class TypedLine(Input):
         spec = find(words[0]) if len(words) > 1 else None
         usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []
         found = offers(self.value, view)
-        lines = [
-            cut(f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {about}'.rstrip(), columns)
-            for number, (line, about) in enumerate(found)
-        ]
+        lines = []
+        for number, (line, about, refusal) in enumerate(found):
+            told = one_line(f'not possible: {refusal}' if refusal else about)
+            shown = f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {told}'.rstrip()
+            lines.append(Line(cut(shown, columns), Tone.DIM if refusal else Tone.PLAIN))
         return styled([*usage, *window(lines, self._marked, rows - len(usage))][:rows])
 
     def _completed(self, value: str) -> str | None:
