@@ -40,6 +40,11 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
     msg.BlackboardEntry: {'data': 'the operator reads and writes text; the executive turns it into data'},
     msg.ExecutiveCommand: {'stamp': 'it is the time of sending: a command that is sent again gets another'},
     msg.ExecutiveEvents: {'events': 'each is a record, with the number of its own'},
+    msg.StopGuardStatus: {
+        'stamp': 'it is the time of sending',
+        'guard_id': 'what a guard says now is what counts, whichever it is',
+        'sequence': 'the newest is latched',
+    },
     msg.TreeStatus: {'changes': 'they are in what each node ended with, and since when its status holds'},
     msg.TreeStatusChange: {'previous_status': 'it is the one that the mirror has, where no message was lost'},
     msg.TreeStructure: {'blackboard': 'the console shows no blackboards of trees'},
@@ -52,6 +57,7 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
 """Fields of messages that no record has, and why."""
 
 NOT_SENT: Final[dict[Any, dict[str, str]]] = {
+    mirror.StopGuard: {'is_silent': 'from the time when it was heard'},
     mirror.TreeRun: {
         'last': 'from the changes of its statuses',
         'since': 'from the changes of its statuses',
@@ -67,6 +73,7 @@ RENAMED: Final[dict[Any, dict[str, str]]] = {
     msg.ExecutiveEvents: {'first': 'sequence'},
     msg.TreeStructure: {'behavior_tree': 'tree', 'number': 'structure'},
     msg.DecisionSubject: {'id': 'decision_id', 'entries': 'values'},
+    msg.StopGuardStatus: {'operator_id': 'operator', 'results': 'carried_out'},
     msg.UserdataScope: {'entries': 'values'},
 }
 """Fields of messages by other names in the record."""
@@ -91,6 +98,7 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.Progress: mirror.Progress,
     msg.PendingDecision: mirror.Decision,
     msg.StateStructure: mirror.StateStructure,
+    msg.StopGuardStatus: mirror.StopGuard,
     msg.TreeNode: mirror.TreeNode,
     msg.TreeStatus: mirror.TreeRun,
     msg.TreeStatusChange: mirror.StatusChange,
