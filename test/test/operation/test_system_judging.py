@@ -81,6 +81,7 @@ def test_who_comes_late_sees_the_path_and_the_goal_that_are_to_be_judged(tmp_pat
     file = tmp_path / 'run.mcap'
     with Stack(tmp_path) as stack:
         stack.start_all({'speed_factor': '2.0'}, onboard_executive={'journal_directory': str(tmp_path)}, in_one=True)
+        answered(('status',), lambda status: status['peers'] and all(peer['ready'] for peer in status['peers']))
         console('start', 'Navigate Split', '--autonomy', 'high')
         answered(('status',), lambda status: status['decisions'][0]['kind'] == 'input')
         console('input', f'{GOAL[0]} {GOAL[1]} 0')
