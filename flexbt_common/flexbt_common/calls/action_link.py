@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from action_msgs.msg import GoalStatusArray
@@ -32,12 +33,13 @@ class ActionServerLink(ServerLink):
     def _make_client(self) -> ActionClient:
         node = self.runtime.node
         arguments, options = (node, self.action_type, self.name), deep_action_services()
+        tell = partial(_tell, self.status_listeners)
         if is_usable(ACTION_CLIENT):
             client = OpenActionClient(*arguments, **options)
-            client.on_list = self._on_list
+            client.on_list = tell  # which does not hold the link
             return client
         topic = f'{self.name}/_action/status'
-        node.create_subscription(GoalStatusArray, topic, self._on_list, qos_profile_action_status_default)
+        node.create_subscription(GoalStatusArray, topic, tell, qos_profile_action_status_default)
         return ActionClient(*arguments, **options)
 
     @property
@@ -50,14 +52,15 @@ class ActionServerLink(ServerLink):
         """See :meth:`ServerLink.is_shown`."""
         return bool(self.client.server_is_ready())
 
-    def _on_list(self, goals: GoalStatusArray) -> None:
-        for goal in goals.status_list:
-            listener = self.status_listeners.get(bytes(goal.goal_info.goal_id.uuid))
-            if listener is not None:
-                listener(goal.status)
-
     def __str__(self) -> str:
         return f'{self.name!r} ({self.type_name})'
+
+
+def _tell(listeners: Mapping[bytes, Callable[[int], None]], goals: GoalStatusArray) -> None:
+    for goal in goals.status_list:
+        listener = listeners.get(bytes(goal.goal_info.goal_id.uuid))
+        if listener is not None:
+            listener(goal.status)
 
 
 class ActionLinks(Links[ActionServerLink]):

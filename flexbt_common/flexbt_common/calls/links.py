@@ -9,11 +9,16 @@ such as Nav2's own, it is known what the middleware shows.
 
 from __future__ import annotations
 
+import weakref
+from functools import partial
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
+
+from rclpy.action import ActionClient
+from rclpy.node import Node
 
 from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch, tells_liveliness
 from flexbt_common.names import alive_topic
-from flexbt_common.runtime import UNKNOWN_NODE, NodeRuntime
+from flexbt_common.runtime import UNKNOWN_NODE, NodeRuntime, WeakLruCache
 
 SETTLE_SECONDS: Final = 0.1
 """From the discovery of a server to the first message to it, where this may be lost: the other side does not know this
@@ -21,6 +26,9 @@ node yet."""
 
 NAME_SECONDS: Final = 1.0
 """How long the name of the node of a server is waited for: it comes later than the server, and for some never."""
+
+MOST_LINKS: Final = 100
+"""Links of one kind that a node keeps while nobody uses them."""
 
 WATCH_SECONDS: Final = 0.2
 """From one look at whether the servers of a call are gone to the next."""
@@ -109,6 +117,9 @@ class ServerLink:
     asks_silent: ClassVar[bool] = False
     """Whether one that hangs for too long is asked all the same: it answers, or obeys, when it goes on."""
 
+    client: Any
+    """That of rclpy, for the executor thread; it is destroyed when nobody holds the link any more."""
+
     def __init__(self, runtime: NodeRuntime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
         self.runtime = runtime
@@ -163,8 +174,9 @@ LinkT = TypeVar('LinkT', bound=ServerLink)
 class Links(Generic[LinkT]):
     """The links of one node, one for each type and name. From any thread.
 
-    They are there until the executor of the runtime has ended, which destroys what is left on its node: until then a
-    call that is on its way goes on looking for its server.
+    One is there as long as somebody holds it, such as a call that is on its way, and those that were asked for last as
+    long as these links: the names of servers may come from others. The executor of the runtime destroys, at its end,
+    what is left on its node.
     """
 
     link_class: ClassVar[type[Any]]
@@ -173,17 +185,26 @@ class Links(Generic[LinkT]):
         """``peer_timeout``: how long the node of a server may be late before it is taken for gone, s of wall time."""
         self._runtime = runtime
         self._peer_timeout = peer_timeout
-        self._links: dict[tuple[Any, str], LinkT] = {}
+        self._links: WeakLruCache[tuple[Any, str], LinkT] = WeakLruCache(MOST_LINKS)
 
     def link(self, server_type: Any, name: str) -> LinkT:
         """The link to the server ``name``; made now if there is none yet."""
-        known = self._links.get((server_type, name))
-        return known if known is not None else self._runtime.call(lambda: self._link(server_type, name))
-
-    def _link(self, server_type: Any, name: str) -> LinkT:
         key = server_type, name
-        if key not in self._links:
-            timeout = self._peer_timeout
-            nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
-            self._links[key] = self.link_class(self._runtime, server_type, name, nodes)
-        return self._links[key]
+        known = self._links.used(key)
+        return known if known is not None else self._runtime.call(lambda: self._links.get(key, lambda: self._new(*key)))
+
+    def _new(self, server_type: Any, name: str) -> LinkT:
+        timeout = self._peer_timeout
+        nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
+        link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
+        destroy = partial(_destroy, self._runtime.node, link.client)
+        weakref.finalize(link, self._runtime.post, destroy).atexit = False
+        return link
+
+
+def _destroy(node: Node, client: Any) -> None:
+    """Take a client of rclpy from its node, on the executor thread."""
+    if isinstance(client, ActionClient):
+        client.destroy()
+    else:
+        node.destroy_client(client)

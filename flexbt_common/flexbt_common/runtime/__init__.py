@@ -32,6 +32,7 @@ from .resources import resolve_file
 from .ros_clock import RosClock
 from .sender_rates import Pace, SenderRates
 from .simulated_time import ListeningTime
+from .weak_lru_cache import WeakLruCache
 
 __all__ = [
     'ACTION_CLIENT',
@@ -62,6 +63,7 @@ __all__ = [
     'RosClock',
     'SenderRates',
     'Watched',
+    'WeakLruCache',
     'clock_health',
     'ignore_each_other',
     'ignore_participant',

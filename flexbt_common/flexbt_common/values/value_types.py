@@ -65,14 +65,18 @@ class ValueType:
         return self.name
 
 
-@functools.cache
 def resolve_type(name: str) -> ValueType:
     """Find a type by its name.
 
     Raises:
         UnknownTypeError: no primitive and no installed message has that name.
     """
-    element = name.strip()
+    return _resolved(name.strip())
+
+
+@functools.cache  # of names that exist, with nothing around them: no more than there are types
+def _resolved(name: str) -> ValueType:
+    element = name
     is_array = element.endswith('[]')
     if is_array:
         element = element.removesuffix('[]')

@@ -7,12 +7,15 @@ import contextlib
 import queue
 import signal
 import threading
-from collections.abc import Iterator
+import weakref
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from action_msgs.srv import CancelGoal
 from nav2_msgs.action import Wait
+from rclpy.action import ActionClient
+from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from flexbt_common.calls import (
@@ -25,6 +28,7 @@ from flexbt_common.calls import (
     ServiceOutcome,
     service_outcome,
 )
+from flexbt_common.calls.links import MOST_LINKS
 from flexbt_common.liveness import LivelinessWatch
 from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.system.python_process import PythonProcess, python_process
@@ -162,3 +166,23 @@ def test_a_call_that_is_on_its_way_while_its_node_ends_is_no_fault() -> None:
         ServiceCall(service, Trigger.Request(), on_done=lambda outcome: None, server_timeout=DEADLINE)
         ActionCall(action, Wait.Goal(), on_done=lambda outcome: None, server_timeout=DEADLINE)
     assert faults == []
+
+
+@pytest.mark.parametrize(('links_of', 'kind', 'clients_of'), [
+    (ServiceLinks, Trigger, lambda node: list(node.clients)),
+    (ActionLinks, Wait, lambda node: [one for one in node.waitables if isinstance(one, ActionClient)]),
+])  # fmt: skip
+def test_names_of_servers_do_not_fill_the_memory(
+    links_of: type[Any], kind: Any, clients_of: Callable[[Node], list[Any]]
+) -> None:
+    with NodeRuntime.open('calls') as runtime:
+        links = links_of(runtime)
+        held = links.link(kind, 'held')
+        used = weakref.ref(links.link(kind, 'used'))
+        for number in range(MOST_LINKS + 20):
+            links.link(kind, f'name{number}')
+            assert links.link(kind, 'used') is used()
+        wait_until(
+            lambda: runtime.call(lambda: len(clients_of(runtime.node))) == MOST_LINKS + 1, 'clients are destroyed'
+        )
+        assert links.link(kind, 'held') is held

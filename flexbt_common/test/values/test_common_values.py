@@ -292,3 +292,9 @@ def test_text_that_is_meant_to_do_harm_is_refused_in_time(type: str, text: str) 
         from_entry(BlackboardEntry(key='k', type=type, text=text))
     assert time.process_time() - began < 10.0
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize('name', ['string', 'geometry_msgs/msg/Pose[]'])
+def test_blanks_around_the_name_of_a_type_make_no_other_one(name: str) -> None:
+    """What is known of a name is kept: there must not be any number of names."""
+    assert all(resolve_type(' ' * count + name + '\t' * count) is resolve_type(name) for count in range(5))

@@ -16,7 +16,6 @@ from .ros_ports import (
 )
 from .tree_memory import MOST_LOADED
 from .tree_store import FileReport, FoundTree, TreeStore
-from .weak_lru_cache import WeakLruCache
 
 __all__ = [
     'DURATION',
@@ -37,7 +36,6 @@ __all__ = [
     'TreeStore',
     'Value',
     'WaypointStatus',
-    'WeakLruCache',
     'entries_of',
     'message_type',
     'read_values',

@@ -9,13 +9,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from flexbt_common.errors import LimitExceededError, UnknownTypeError
+from flexbt_common.runtime import WeakLruCache
 from flexbt_common.values import MESSAGE, Encoding, from_entry, resolve_type, to_entry
 from flexbt_core.behavior_tree import Blackboard, BlackboardError, PortType
 from flexbt_core.behavior_tree.model import port_types
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
-
-from .weak_lru_cache import WeakLruCache
 
 SHARED: Final = ''
 """Name of the blackboard that trees run on when the goal names none."""

@@ -26,17 +26,28 @@ class WeakLruCache(Generic[Key, Thing]):
         """The thing of this key, if there is one."""
         return self._all.get(key)
 
+    def used(self, key: Key) -> Thing | None:
+        """The thing of this key, if there is one; it is used now."""
+        with self._lock:
+            thing = self._all.get(key)
+            if thing is not None:
+                self._keep(key, thing)
+            return thing
+
     def get(self, key: Key, make: Callable[[], Thing]) -> Thing:
         """The thing of this key, made now if there is none. Whoever goes on to use it has to hold it."""
         with self._lock:
             thing = self._all.get(key)
             if thing is None:
                 thing = self._all[key] = make()
-            self._last[key] = thing
-            self._last.move_to_end(key)
-            if len(self._last) > self._most:
-                self._last.popitem(last=False)
+            self._keep(key, thing)
             return thing
+
+    def _keep(self, key: Key, thing: Thing) -> None:
+        self._last[key] = thing
+        self._last.move_to_end(key)
+        if len(self._last) > self._most:
+            self._last.popitem(last=False)
 
     def __len__(self) -> int:
         return len(self._all)
