@@ -85,10 +85,13 @@ def chains_of_failures(run: TreeRun) -> list[list[TreeNode]]:
 
 
 def acting_lines(run: TreeRun) -> list[str]:
-    """Each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first."""
+    """Each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first.
+
+    The one that has acted longest comes first: others that come and go do not move it.
+    """
     nodes = {node.uid: node for node in run.nodes}
     shown = []
-    for uid in run.running_leaves:
+    for uid in sorted(run.running_leaves, key=run.seconds, reverse=True):
         around, below, parent = [], uid, nodes[uid].parent
         while parent in nodes and parent < below:  # there is no ring
             around += [] if _is_structure(nodes[parent]) else [one_line(nodes[parent].name)]

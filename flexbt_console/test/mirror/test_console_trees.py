@@ -104,6 +104,7 @@ def test_a_planner_that_is_ticked_at_a_rate_moves_no_other_line() -> None:
         now = (drives, rests, plans)[sequence % 3]
         status(trees, sequence, 1, now, 3, 4, 5)
         shown.add(tuple(names(trees.runs()[0], 6)))
+        assert acting_lines(trees.runs()[0])[0].startswith('FollowPath')
     assert len(shown) == 1 and 'FollowPath' in next(iter(shown)), shown
 
 
