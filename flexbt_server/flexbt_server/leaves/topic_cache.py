@@ -15,9 +15,8 @@ from rclpy.action.server import RCLError
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
-from flexbt_common.runtime import LatestMessage, NodeRuntime, qos_misfit
+from flexbt_common.runtime import LatestMessage, NodeRuntime, WeakLruCache, qos_misfit
 from flexbt_core.behavior_tree import TreeContext, TreeNode
-from flexbt_server.trees import WeakLruCache
 
 MOST_TOPICS: Final = 100
 """Topics that are heard although no tree needs them now."""
