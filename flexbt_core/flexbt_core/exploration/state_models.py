@@ -121,7 +121,7 @@ def _shown(value: object, depth: int = 5) -> str:
         digest = blake2b(f'{_code(value.__code__)} {bound}'.encode(), digest_size=4)
         return f'{value.__name__} ({digest.hexdigest()})'
     if is_dataclass(value):
-        return f'{type(value).__name__}({", ".join(inner(getattr(value, one.name) for one in fields(value)))})'
+        return f'{type(value).__name__}({", ".join(inner(getattr(value, one.name, None) for one in fields(value)))})'
     if isinstance(value, Mapping):
         pairs = zip(inner(value), inner(value.values()), strict=True)
         return f'{{{", ".join(f"{key}: {one}" for key, one in pairs)}}}'

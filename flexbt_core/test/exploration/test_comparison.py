@@ -231,6 +231,7 @@ class Timed(EventState):
     def __init__(self, seconds: float, places: list[str], judge: Callable[[int], bool]) -> None:
         super().__init__(['done'], desired_rate=None)
         self._seconds, self._places, self._judge, self._running = seconds, places, judge, object()
+        self._bounds, self._kind = Limits(seconds), Limits  # a dataclass, and its class
 
 
 def test_of_machines_parameters_of_states_and_given_userdata_are_compared() -> None:
@@ -251,7 +252,9 @@ def test_of_machines_parameters_of_states_and_given_userdata_are_compared() -> N
     ):
         assert not compare(before, other).is_same
     (seconds,) = compare(before, maker(2.0, 'door', 3, 0)).differences
-    assert seconds.now[-1] == '/Look: seconds=2.0'
+    state = Timed(2.0, ['dock'], bool)
+    assert state.made_with == {'configurations': str(Limits().configurations), 'seconds': '2.0'}
+    assert seconds.now[-1] == '/Look: seconds=2.0 bounds=Limits(2.0, 200000, None)'
 
 
 def test_a_node_without_a_name_is_not_taken_for_one_that_has_its_name() -> None:

@@ -170,11 +170,12 @@ class EventState:
     @property
     def made_with(self) -> Mapping[str, str]:
         """What requirements can say that it has: texts, numbers and truths among its attributes, and in dataclasses."""
-        own = {name.lstrip('_'): value for name, value in vars(self).items()}
+        found: dict[str, Any] = {}
         for value in vars(self).values():
-            if is_dataclass(value):
-                own |= {one.name: getattr(value, one.name) for one in fields(value)}
-        return {name: str(value) for name, value in own.items() if isinstance(value, str | int | float)}
+            if is_dataclass(value) and not isinstance(value, type):
+                found |= {one.name: getattr(value, one.name, None) for one in fields(value)}
+        found |= {name.lstrip('_'): value for name, value in vars(self).items() if name != 'is_resumed'}
+        return {name: str(value) for name, value in found.items() if isinstance(value, str | int | float)}
 
     @property
     def name(self) -> str:
