@@ -41,8 +41,8 @@ LISTEN_SECONDS: Final = 2.0
 PAUSE_SECONDS: Final = 3.0
 """From there to the next time, while there are several, s."""
 
-GOES_ON: Final = 'simulated time goes on as it should'
-"""What is reported when there is no problem any more."""
+GOES_ON: Final = 'the clock of this node works as it should'
+"""What is reported when nothing is wrong, or nothing any more."""
 
 _LOOK_SECONDS: Final = 1.0
 _LOOK_TOLERANCE: Final = 0.25
@@ -72,7 +72,7 @@ class ClockHealth:
         """How a problem is reported, or '' for its end; not again what comes and goes."""
         self._listeners: list[Callable[[], object]] = []
         self._reports = RepeatedReports(SHOWN_SECONDS, runtime.steady.now)
-        self._kinds: tuple[str, ...] = ()
+        self._reported: tuple[str, ...] = ()
         self._is_watching = False
         self._several = ''
         self._writers: set[bytes] = set()
@@ -225,11 +225,11 @@ class ClockHealth:
     def _set_problem(self, found: dict[str, str]) -> None:
         kinds, problem = tuple(found), '; '.join(found.values())
         self.is_missing = 'still' in found and not self._seen and not self._publishers()
+        if kinds != self._reported and self._reports.held_before(kinds) is not None:  # else with a later look
+            self._reported = kinds
+            self.report(problem)
         if problem == self.problem:
             return
-        is_news = kinds != self._kinds and self._reports.held_before(kinds) is not None
-        self._kinds, self.problem = kinds, problem
-        if is_news:
-            self.report(problem)
+        self.problem = problem
         for listener in tuple(self._listeners):
             listener()
