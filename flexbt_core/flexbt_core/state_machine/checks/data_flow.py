@@ -100,7 +100,7 @@ def lost_writes(machine: MachineDefinition) -> Iterator[LostWrite]:
         kept = {name for one in child.children.values() for name in _names(one)} - {*child.output_keys, *inside}
         readers = {
             one.remap.get(key, key): one.path
-            for one in reversed(machine.children.values())
+            for one in reversed(list(machine.children.values()))
             if one is not child
             for key in _declared_inputs(one)
         }
