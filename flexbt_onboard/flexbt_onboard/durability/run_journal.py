@@ -63,6 +63,11 @@ class InterruptedRun:
         return [path for path in paths if path not in around]
 
     @property
+    def is_paused(self) -> bool:
+        """Whether it was paused, and so is again when it is resumed."""
+        return bool(self._part('is_paused', False))
+
+    @property
     def levels(self) -> Mapping[str, int]:
         """Levels of autonomy by path, that of the root included."""
         return dict(self._part('levels', {}))

@@ -68,8 +68,9 @@ def status_of(
             status.outcome, status.message = run.outcome, run.message
         case InterruptedRun():
             status.state = ExecutiveStatus.INTERRUPTED
-            status.message = 'the executive ended while this ran; resume it, or abort it'
-            status.active_states = [ActiveState(path=path) for path in run.active]
+            how = 'was paused; resume it, which leaves it paused' if run.is_paused else 'ran; resume it'
+            status.message = f'the executive ended while this {how}, or abort it'
+            status.active_states = [ActiveState(path=path, paused=run.is_paused) for path in run.active]
         case RunSnapshot():
             status.state = _STATE_OF_PHASE[run.phase]
             status.message = '; '.join(filter(None, [run.not_stopped, run.wrong]))

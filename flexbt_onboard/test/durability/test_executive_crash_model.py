@@ -139,7 +139,7 @@ def test_no_loss_of_power_undoes_what_was_shown(
         shown.append((copy.deepcopy(status), disk.content))
         publish(status)
 
-    monkeypatch.setattr(bench.executive._shown, '_publish', keep)
+    monkeypatch.setattr(link, 'publish_status', keep)
     walk = Walk(bench, SEED)
     for _ in range(STEPS):
         walk.step()

@@ -214,6 +214,8 @@ def test_a_run_that_was_paused_shows_where_it_is_when_it_is_resumed_after_a_cras
     for file, content in journal.items():  # as a crash leaves it
         file.write_bytes(content)
     with contextlib.closing(ExecutiveBench(behavior_of(holding), parameters=parameters)) as after:
+        assert [(one.path, one.paused) for one in after.status.active_states] == [('/Inner/Hold', True)]
+        assert 'was paused; resume it, which leaves it paused' in after.status.message
         after.applied(C.RESUME_RUN)
         after.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'paused as before')
         (state,) = after.status.active_states
