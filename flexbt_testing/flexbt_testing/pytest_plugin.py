@@ -43,6 +43,9 @@ HOSTILE_YAML: Final[Mapping[str, str]] = {
 """Texts that keep a careless reader of YAML busy, end its process, or make it raise what nobody expects."""
 
 
+_OUTER_DIRECTORY: Final = pytest.StashKey[str]()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests() -> None:
     """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later. Before
@@ -94,14 +97,17 @@ def entities_of(node: Any) -> Counter[type]:
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_sessionstart() -> None:
+def pytest_sessionstart(session: pytest.Session) -> None:
     """A directory for what processes find out about their locks."""
+    session.stash[_OUTER_DIRECTORY] = os.environ.get(lock_order.DIRECTORY, '')
     os.environ[lock_order.DIRECTORY] = tempfile.mkdtemp(prefix='flexbt_locks_')
 
 
-def pytest_sessionfinish() -> None:
-    """Nobody looks there any more."""
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Nobody looks there any more; a session within another one leaves that its own."""
     shutil.rmtree(os.environ.pop(lock_order.DIRECTORY), ignore_errors=True)
+    if session.stash[_OUTER_DIRECTORY]:
+        os.environ[lock_order.DIRECTORY] = session.stash[_OUTER_DIRECTORY]
 
 
 @pytest.fixture(scope='session', autouse=True)
