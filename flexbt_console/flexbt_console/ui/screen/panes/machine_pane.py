@@ -100,7 +100,7 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
             parent = state.path.rpartition('/')[0] or '/'
             if state.path == '/' or parent in levels:  # what is in a container that is not active is not of now
                 rank = _Rank.OUTCOME_OF_FIRST if state.path == first else _Rank.OUTCOME
-                ranked += _state(state, states, view, signs, rank)
+                ranked += _state(state, states, view, signs, rank, is_active=state.path in levels)
     for last in (_Rank.NOT_ACTIVE, _Rank.OUTCOME):
         if len(ranked) > rows:
             ranked = [one for one in ranked if one.rank < last]
@@ -114,11 +114,11 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
 
 
 def _state(
-    state: StateStructure, states: dict[str, ActiveState], view: View, signs: Glyphs, rank: _Rank
+    state: StateStructure, states: dict[str, ActiveState], view: View, signs: Glyphs, rank: _Rank, *, is_active: bool
 ) -> list[_Ranked]:
     assert view.snapshot is not None
     path = state.path
-    if path in view.active_levels:
+    if is_active:
         lines = _active(path, states.get(path), view, signs)
         if state.kind is StateKind.STATE:
             indent = '  ' * _depth(path)
