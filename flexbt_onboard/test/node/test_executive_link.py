@@ -107,9 +107,13 @@ def test_before_the_first_clock_message_everything_works_in_wall_time(make_bench
     assert bench.wait_idle() == 'preempted'
 
 
+def clock_publisher(runtime: NodeRuntime) -> Any:
+    return runtime.call(lambda: runtime.node.create_publisher(Clock, names.CLOCK, 10))
+
+
 def tell_time(runtime: NodeRuntime) -> None:
     """Publish on /clock until the runtime ends."""
-    publisher = runtime.call(lambda: runtime.node.create_publisher(Clock, names.CLOCK, 1))
+    publisher = clock_publisher(runtime)
 
     def publish() -> None:
         publisher.publish(Clock(clock=Time(sec=5)))
@@ -136,10 +140,7 @@ def test_bad_times_on_clock_keep_no_operator_from_stopping(make_bench: Make, kin
     )
     with contextlib.ExitStack() as stack:
         runtimes = [stack.enter_context(NodeRuntime.open(name)) for name in ('simulator', 'other')]
-        publishers = [
-            runtime.call(lambda runtime=runtime: runtime.node.create_publisher(Clock, names.CLOCK, 10))
-            for runtime in runtimes
-        ]
+        publishers = [clock_publisher(runtime) for runtime in runtimes]
         wait_until(lambda: all(one.get_subscription_count() == 1 for one in publishers), 'the executive on /clock')
         publishers[0].publish(Clock(clock=Time(sec=4)))
         bench.start()
@@ -198,7 +199,7 @@ def test_simulated_time_that_nobody_publishes_is_in_status_log_and_diagnostics(m
         lambda: [one for one in told if 'simulated time' in one.name and 'nobody publishes' in one.message],
         lambda: f'diagnostics; {told}',
     )
-    publisher = bench.console.call(lambda: bench.console.node.create_publisher(Clock, names.CLOCK, 1))
+    publisher = clock_publisher(bench.console)
 
     def publish() -> bool:
         publisher.publish(Clock(clock=bench.console.clock.stamp()))
