@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import logging
 import math
 import os
 import select
@@ -34,7 +33,7 @@ from flexbt_core.values import counted, lines
 
 from .rclpy_private import OpenLogger, log_for_callers_of
 
-__all__ = ['NodeLogHandler', 'NodeLogger', 'StandardStreams']
+__all__ = ['NodeLogger', 'StandardStreams']
 
 LINES: Final = 200
 """Lines of one message, at most: a trace may be long."""
@@ -167,22 +166,6 @@ def _is_read(number: int) -> bool:
     ready = select.poll()
     ready.register(number, select.POLLOUT)
     return bool(ready.poll(0))
-
-
-class NodeLogHandler(logging.Handler):
-    """Gives what Python's own logging is told, by libraries for example, to the logger of a node."""
-
-    def __init__(self, logger: NodeLogger) -> None:
-        super().__init__(logging.WARNING)
-        self._logger = logger
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """See :meth:`logging.Handler.emit`."""
-        text = f'{record.name}: {self.format(record)}'
-        if record.levelno >= logging.ERROR:
-            self._logger.error(text)
-        else:
-            self._logger.warning(text)
 
 
 class StandardStreams:

@@ -56,7 +56,7 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
-from .node_log import NodeLogger, NodeLogHandler, RepeatedReports, StandardStreams
+from .node_log import NodeLogger, RepeatedReports, StandardStreams
 from .parameters import bounded, is_parameter_service, refusal, unknown_parameters
 from .qos_misfits import QosMisfits
 from .received_messages import COMPLAINT_SECONDS
@@ -556,6 +556,25 @@ def qos_misfit(runtime: NodeRuntime, topic: str) -> str:
     return text
 
 
+class _LibraryLog(logging.Handler):
+    """Gives what Python's own logging is told, by libraries for example, to the logger of a node."""
+
+    def __init__(self, logger: NodeLogger) -> None:
+        super().__init__(logging.WARNING)
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """See :meth:`logging.Handler.emit`."""
+        try:
+            text = self.format(record)
+        except Exception as error:  # of the library: its arguments do not fit its text
+            text = f'{record.msg} ({error!r})'
+        if record.levelno >= logging.ERROR:
+            self._logger.error(f'{record.name}: {text}')
+        else:
+            self._logger.warning(f'{record.name}: {text}')
+
+
 def run_node(
     name: str,
     setup: Callable[[NodeRuntime], object],
@@ -591,7 +610,7 @@ def run_node(
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
             runtime.on_failure(wake)
-            handler = NodeLogHandler(runtime.node.get_logger())
+            handler = _LibraryLog(runtime.node.get_logger())
             logging.getLogger().addHandler(handler)
             runtime.on_close(partial(logging.getLogger().removeHandler, handler))
             setup(runtime)
@@ -651,6 +670,7 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
     with contextlib.suppress(RuntimeError):
         faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
+    gc.unfreeze()  # the default context finds its nodes among what the collector knows
     runtime.close()
     in_time.cancel()
 

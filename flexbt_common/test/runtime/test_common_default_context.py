@@ -35,6 +35,8 @@ def setup(runtime):
         stopped.set()
 
     threading.Thread(target=loop, daemon=True).start()
+    destroy = node.destroy_node
+    node.destroy_node = lambda: (print('destroying', flush=True), destroy())
     runtime.on_close(lambda: print('closing', rclpy.ok(), flush=True))
     times = [one.get_parameter('use_sim_time').value for one in (runtime.node, node)]
     print(runtime.node.get_fully_qualified_name(), node.get_fully_qualified_name(), *times, flush=True)
@@ -63,7 +65,7 @@ def test_users_nodes_have_namespace_and_time_of_the_process_but_not_its_name_and
         out, err = process.communicate(timeout=DEADLINE)
         assert process.returncode == 0, err
         assert uncontended_time() - began < 2.0
-        assert (out, err) == ('closing True\n', '')
+        assert (out, err) == ('closing True\ndestroying\n', '')
 
 
 def test_the_time_is_that_of_the_node_wherever_it_was_said() -> None:

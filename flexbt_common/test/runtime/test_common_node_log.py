@@ -27,7 +27,9 @@ def setup(runtime):
     log = runtime.node.get_logger()
 
     def talk():
-        logging.getLogger('library').error('a \x1b[31mred text')
+        library = logging.getLogger('library')
+        library.warning('%d of them', 'two')
+        library.error('a \x1b[31mred text')
         for number in range(2_000):
             log.info(f'line {number} ' + 'x' * 80)
             print('printed', number)
@@ -113,6 +115,7 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_counts_what_it_drops(tmp_p
             process.stdout.fileno(), b' messages missing here: nobody read', b' lines dropped: nobody read'
         )
         assert b'line 0 ' in read
+        assert b'[WARN]' in read and b'[talker]: library: %d of them (TypeError(' in read
         assert b'[talker]: library: a \\e[31mred text' in read
     finally:
         process.terminate()
