@@ -48,7 +48,7 @@ UNKNOWN_NODE: Final = '_NODE_NAME_UNKNOWN_'
 UNKNOWN_WRITER: Final = b''
 """Instead of a writer that the middleware, or rclpy as it is (``FLEXBT_STOCK_RCLPY``), does not tell."""
 
-EXCESS_MESSAGES: Final = 2000
+EXCESS_MESSAGES: Final = 500
 EXCESS_BYTES: Final = 20_000_000
 """Messages that are too many, and bytes of messages that are too large, after which the participants of a process are
 ignored."""
