@@ -397,9 +397,9 @@ def robot_line(robot: RobotOverview) -> str:
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
 
 
-def left_out_text(count: int) -> list[str]:
-    """Tell how many robots were found that are not listed; nothing when all are."""
-    return [f'{count} more not listed; name one with --namespace'] if count else []
+def left_out_text(count: int, option: str = '--namespace') -> list[str]:
+    """Tell how many robots were found that are not listed, and the option that names one; nothing when all are."""
+    return [f'{count} more not listed; name one with {option}'] if count else []
 
 
 def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:

@@ -410,7 +410,7 @@ class Pictures:
             parts['simulator'] = station.obstacles.is_possible()
             parts['obstacles'] = station.obstacles.dropped
         parts['robots'] = robot_lines(robots)
-        parts['robots_left_out'] = left_out_text(self._fleet.left_out)
+        parts['robots_left_out'] = left_out_text(self._fleet.left_out, '--robot')
         parts['others'] = other_robots(self._robot, view, robots)
         for name, part in parts.items():
             if name not in self._made or self._made[name][0] != part:
