@@ -113,7 +113,7 @@ class CoroutineAction(LeafNode):
             raise self.fault(error) from error
         if result is _WAITS:
             self.status = RUNNING
-            return RUNNING
+            return self.checked(RUNNING)
         self.cancel_wake()
         status = self.checked(result)
         if status is RUNNING:

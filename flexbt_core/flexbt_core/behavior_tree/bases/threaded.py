@@ -86,7 +86,7 @@ class ThreadedAction(LeafNode):
             except RuntimeError as error:  # the machine has no more threads
                 self._call = None
                 raise self.fault(error) from error
-            return RUNNING
+            return self.checked(RUNNING)
         if not call.ended or call.halted:
             self.status = RUNNING
             return RUNNING

@@ -207,7 +207,9 @@ class StatefulAction(LeafNode):
         except BaseException as error:
             self.cancel_wake()
             raise self.fault(error) from error
-        if status is not RUNNING:
+        if status is RUNNING:
+            self.status = status  # first, so that what was begun is stopped where it is refused
+        else:
             self.cancel_wake()
             if status is SKIPPED:
                 return status

@@ -708,7 +708,22 @@ class Late(Work):
     kind = NodeKind.CONDITION
 
 
-@pytest.mark.parametrize('node_class', [Late, Check])
+class LateThread(ThreadedAction):
+    kind = NodeKind.CONDITION
+
+    def run(self) -> NodeStatus:
+        return SUCCESS
+
+
+class LateCoroutine(CoroutineAction):
+    kind = NodeKind.CONDITION
+
+    async def run(self) -> NodeStatus:
+        await self.until(lambda: False)
+        return SUCCESS
+
+
+@pytest.mark.parametrize('node_class', [Late, LateThread, LateCoroutine, Check])
 def test_a_condition_is_never_running(node_class: type[Any]) -> None:
     class Test(node_class):
         def tick(self) -> NodeStatus:
@@ -720,6 +735,9 @@ def test_a_condition_is_never_running(node_class: type[Any]) -> None:
     running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', services={})
     with pytest.raises(NodeExecutionError, match=r'exception in node \[x\] \(Test\): a condition must not return'):
         running.tick_once()
+    running.halt()
+    assert running.root.status is IDLE
+    assert getattr(running.root, 'halts', 1) == 1  # what it had begun
 
 
 class Blames(SyncAction):
