@@ -161,3 +161,22 @@ def test_a_stop_without_a_name_stops_and_many_stops_are_bounded(world: World) ->
     assert len(world.last.results) <= 32 and len(world.last.operator_id) <= 200
     world.answer(stops[-1])
     wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+
+
+def test_a_guard_hears_the_stops_of_its_own_robot_alone() -> None:
+    with (
+        NodeRuntime.open('world', namespace='/a') as own,
+        NodeRuntime.open('world', namespace='/b') as other,
+        NodeRuntime.open('stop_guard', namespace='/a') as guard,
+        NodeRuntime.open('stop_guard', namespace='/b') as other_guard,
+    ):
+        worlds = [World(own), World(other)]
+        for runtime in (guard, other_guard):
+            stop_guard.open_stop_guard(runtime)
+        for one in worlds:
+            one.wait_connected()
+        mine, others = worlds
+        other_id, stop_id = others.stop(), mine.stop()
+        mine.wait_holding(stop_id)
+        others.wait_holding(other_id)
+        assert [[one.command_id for one in world.last.results] for world in worlds] == [[stop_id], [other_id]]
