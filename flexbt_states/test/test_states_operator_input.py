@@ -77,6 +77,19 @@ def test_an_answer_as_text_arrives_as_a_value(bench: StateBench, desk: Desk) -> 
     desk.none_pending()
 
 
+def test_what_the_question_is_about_is_shown_with_it(bench: StateBench, desk: Desk) -> None:
+    run = bench.run_state(lambda: ask('string', shows=['speed']), {'speed': 0.5, 'data': None})
+    decision = desk.pending()
+    assert (list(decision.subject), decision.subject_number) == (['speed'], 1)
+    (subject,) = desk.runtime.call(desk.requests.subjects)
+    assert (subject.id, subject.entries[0].text) == (decision.id, '0.5')
+    desk.answer(text='slower')
+    assert run.wait() == 'received', run.lines
+    for shows in ('speed', ['']):
+        with pytest.raises(StateParameterError, match='shows'):
+            ask(shows=shows)
+
+
 @pytest.mark.parametrize(
     ('fields', 'words'),
     [

@@ -20,7 +20,7 @@ class OperatorDecisionState(EventState):
     -- suggestion   string      Outcome that is taken without asking where the autonomy allows it; None to ask always
     -- shows        string[]    Userdata keys that the operator is shown, such as a path; empty: all of the machine
 
-    ># SHOWN                    Each of shows: what the operator judges.
+    ># KEY                      Each of shows: what the operator judges.
 
     <= OUTCOME                  Each of outcomes: the operator has chosen it.
     """

@@ -26,7 +26,7 @@ class OperatorInputState(GoalState):
     -- topic        string      Name of the action of the executive that asks
     -- shows        string[]    Userdata keys that the operator is shown with the question
 
-    ># SHOWN                    Each of shows.
+    ># KEY                      Each of shows.
 
     #> data                     The answer: a value of the type.
 
