@@ -386,7 +386,7 @@ class Mirror:
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
                 listening=snapshot is None and not self._problem and now < self._listens_until,
-                guard=replace(self._guard, is_silent=now - self._guard_heard > GUARD_SECONDS),
+                guard=replace(self._guard, is_silent=self._guard.holding and now - self._guard_heard > GUARD_SECONDS),
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:
