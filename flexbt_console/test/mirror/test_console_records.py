@@ -60,6 +60,7 @@ NOT_SENT: Final[dict[Any, dict[str, str]]] = {
     mirror.StopGuard: {'is_silent': 'from the time when it was heard'},
     mirror.TreeRun: {
         'last': 'from the changes of its statuses',
+        'left_out': 'from the number of its nodes',
         'since': 'from the changes of its statuses',
     },
 }
