@@ -267,7 +267,7 @@ def test_what_a_tree_tells_reaches_its_run() -> None:
     receive[names.TREE_STATUS](status)
     (run,) = known.view().trees
     forgotten = [name for name, value in values(run) if value in (None, '', (), 0, False)]
-    assert forgotten == ['TreeNode.parent']
+    assert forgotten == ['TreeNode.parent', 'TreeRun.left_out']  # all nodes are known
 
 
 def test_the_places_of_the_robot_are_known_by_name() -> None:
