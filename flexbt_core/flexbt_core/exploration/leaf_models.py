@@ -56,7 +56,8 @@ class LeafModel:
 
     ``results`` are those that it may give. ``resources`` are actuators that it has while it works. A GATE that does not
     let its child begin gives ``otherwise``; one that ``begins_first`` lets it begin when it is ticked first. The tree
-    does not wait for one that ``ignores_cancel`` once it was halted.
+    does not wait for one that ``ignores_cancel`` once it was halted. An ACTION that ``answers_soon`` may have its
+    result at once, where that is the one that it had before: what it asks is there, and has not changed.
     """
 
     kind: LeafKind
@@ -65,6 +66,7 @@ class LeafModel:
     otherwise: NodeStatus = RUNNING
     begins_first: bool = True
     ignores_cancel: bool = False
+    answers_soon: bool = False
 
 
 LeafModels = Callable[[NodeDefinition], LeafModel]
@@ -79,6 +81,7 @@ _GATES: Final = {
     'SpeedController': LeafModel(LeafKind.GATE),
     'GoalUpdater': LeafModel(LeafKind.PASS),
 }
+_REACTIVE: Final = frozenset(('ReactiveSequence', 'ReactiveFallback', 'WhileDoElse'))
 LIMITERS: Final = frozenset(
     ('RateController', *(id for id, model in _GATES.items() if model.kind is LeafKind.GATE and model.begins_first))
 )
@@ -110,7 +113,8 @@ def leaf_model(definition: NodeDefinition) -> LeafModel:
     results = tuple(one for one in _RESULTS if one in possible)
     if is_instant:
         return LeafModel(LeafKind.INSTANT, results or _RESULTS, own)
-    return LeafModel(LeafKind.ACTION, results, own, ignores_cancel=ignores)
+    soon = issubclass(manifest.node_class, StatefulAction) and manifest.node_class.answers_soon
+    return LeafModel(LeafKind.ACTION, results, own, ignores_cancel=ignores, answers_soon=soon)
 
 
 class Environment:
@@ -289,7 +293,7 @@ class ModelInstant(_Model):
 class ModelAction(_Model, StatefulAction):
     """Works until the environment gives a result, or confirms that it was canceled."""
 
-    __slots__ = ('is_waiting', 'result')
+    __slots__ = ('before', 'is_asked_anew', 'is_waiting', 'result')
 
     goes_on = ''
     acts_later = True
@@ -297,15 +301,29 @@ class ModelAction(_Model, StatefulAction):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self.result: NodeStatus | None = None
+        self.is_asked_anew = False  # in each tick, while what is behind it works
+        self.before: NodeStatus | None = None  # its last result, if that matters
         self.is_waiting = False
 
     def on_start(self) -> NodeStatus:
         self.read()
         self.result = None
         self.is_waiting = bool(self.context.unfinished)
-        if not self.is_waiting:
-            self.environment.begin(self)
+        if self.is_waiting:
+            return RUNNING
+        self.environment.begin(self)
+        if self.before is not None and self._answers_at_once():
+            self.result = self.before
+            return self.on_running()
         return RUNNING
+
+    def _answers_at_once(self) -> bool:
+        """Whether its result is there in the tick in which it begins; once in a step, as an answer takes some time."""
+        known = self.environment.answers
+        if self.path in known:
+            return False
+        known[self.path] = 0
+        return self.environment.choices.choose(f'{self.path} answers at once', ('no', 'yes')) == 1
 
     def on_running(self) -> NodeStatus:
         environment = self.environment
@@ -315,6 +333,8 @@ class ModelAction(_Model, StatefulAction):
         if self.result is None:
             return RUNNING
         status, self.result = self.result, None
+        if self.model.answers_soon and self.is_asked_anew:
+            self.before = status
         environment.end(self.path)
         self.write(status)
         return status
@@ -324,6 +344,16 @@ class ModelAction(_Model, StatefulAction):
             self.environment.cancel(self)
         self.is_waiting = False
         self.result = None
+
+
+def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
+    """Mark the actions that a reactive control ticks before others, anew in each tick, in the nodes of a tree."""
+    for node in nodes:
+        asked = list(node.attached[:-1]) if node.id in _REACTIVE else []
+        for one in asked:
+            asked += one.attached
+            if isinstance(one, ModelAction):
+                one.is_asked_anew = True
 
 
 class ModelGate(Decorator):

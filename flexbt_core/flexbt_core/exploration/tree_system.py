@@ -37,6 +37,7 @@ from .leaf_models import (
     ModelInstant,
     fitting,
     leaf_model,
+    mark_asked_anew,
     some_value,
     substitute,
     tested_values,
@@ -83,6 +84,9 @@ TREE_LAYOUT: Final = Layout(
                 '_lock',
                 'rewrapped',
                 'monitor',
+                'resting',
+                'waited',
+                '_awaited',
             )
         ),
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
@@ -190,6 +194,7 @@ class TreeSystem:
             max_rounds=_ROUNDS,
         )
         self._tree.observe(self._note_status)
+        mark_asked_anew(self._tree.nodes)
         self._limiters = [node for node in self._tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
         self._listeners = [node for node in self._tree.nodes if isinstance(node, ModelInstant) and node.id in LISTENERS]

@@ -39,6 +39,10 @@ class Ask(StandIn):
     skill = Skill.of(ignores_cancel=True)
 
 
+class AskSoon(Ask):
+    answers_soon = True
+
+
 class Follow(StandIn):
     ports = {'path': input_port(STRING)}
 
@@ -160,7 +164,7 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes([*leaves, Forgetful, Stalled, Alternating])
+    found.register_classes([*leaves, AskSoon, Forgetful, Stalled, Alternating])
     return found
 
 
@@ -493,3 +497,10 @@ def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script()
     asked = f'<Sequence><ScriptCondition code="{script}"/><Turn/></Sequence>'
     report = proved(f'<Sequence>{look}<Fallback>{asked}<Plan/></Fallback></Sequence>')
     assert report.is_complete and report.holds, report.counterexamples
+
+
+@pytest.mark.parametrize(('leaf', 'can_succeed'), [('Ask', False), ('AskSoon', True)])
+def test_what_answers_within_the_tick_does_not_halt_what_is_behind_it(leaf: str, can_succeed: bool) -> None:
+    """An action of which nothing more is known is RUNNING when it begins anew, and halts what is behind it."""
+    report = proved(f'<ReactiveSequence><{leaf}/><Drive/></ReactiveSequence>')
+    assert ('SUCCESS' in report.ends) is can_succeed

@@ -155,6 +155,7 @@ class ServiceLeaf(ServiceNode, StatefulAction):
     __slots__ = ()
 
     goes_on = 'its request was sent, and cannot be taken back'
+    answers_soon = True
     skill = Skill.of(ignores_cancel=True)
 
     def on_start(self) -> NodeStatus:

@@ -13,6 +13,7 @@ from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
+from flexbt_core.behavior_tree import TickCommand
 from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_testing.nodes.server_world import World, document, open_world, pose
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -117,6 +118,23 @@ def test_a_tick_that_waits_for_an_answer_does_not_hold_up_a_cancel(world: World,
     assert goal.result.code == Result.CANCELED, goal.result.message
     assert not stuck.may_answer.is_set()
     assert not world.navigation.actions[names.WAIT].goals
+
+
+def test_a_tree_that_asks_again_and_again_can_be_paused(world: World) -> None:
+    """Each attempt is made within the tick, and the next follows at once."""
+    world.navigation.path_valid = False
+    world.client.load_tree(
+        '<RetryUntilSuccessful num_attempts="-1"><IsPathValid path="{path}"/></RetryUntilSuccessful>'
+    )
+    goal = world.client.execute(inputs={'path': Path(poses=[pose(1.0)])}, blackboard='again')
+    wait_until(lambda: world.server.goals.running.all(), 'the run')
+    (running,) = world.server.goals.running.all()
+    answers: list[str] = []
+    running.run.control(TickCommand.PAUSE, answers.append)
+    wait_until(lambda: answers == [''], 'the tree is paused')
+    running.run.control(TickCommand.RESUME, answers.append)
+    world.navigation.path_valid = True
+    assert goal.result.code == Result.SUCCESS, goal.result.message
 
 
 def test_other_trees_go_on_while_one_waits_for_an_answer(world: World, stuck: Stuck) -> None:

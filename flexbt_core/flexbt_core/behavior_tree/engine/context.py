@@ -56,7 +56,7 @@ class TreeContext:
     work that needs ticks. ``paused`` is whether leaves hold what they begin elsewhere.
     ``rewrapped`` are nodes for which their parents have to fetch another tick function.
     ``stopping`` is whether the host wants to stop the tree, see :meth:`stop`: a tick that may take long looks at it.
-    ``resting`` is the host's: a context around each wait within a tick.
+    ``resting`` is the host's: a context around each wait within a tick. ``waited`` is whether there was one.
     ``callbacks`` puts pre- and post-tick callbacks around ticks, while there are any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
     ``log`` is for what is installed as acceleration. ``monitor`` checks the run, if anything does.
@@ -83,6 +83,7 @@ class TreeContext:
         self.monitor: LeafMonitor | None = None
         self.advancing = False
         self.paused = False
+        self.waited = False
         self._awaited: WakeEvent | None = None
         self._unfinished: list[UnfinishedWork] = []
         self._lock = threading.Lock()
@@ -100,6 +101,7 @@ class TreeContext:
 
         On the ticking thread.
         """
+        self.waited = True
         self._awaited = event  # before the look at ``stopping``
         if not self.stopping:
             with self.resting():

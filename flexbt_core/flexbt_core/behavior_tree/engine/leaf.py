@@ -177,6 +177,8 @@ class StatefulAction(LeafNode):
     __slots__ = ()
 
     kind = NodeKind.ACTION
+    answers_soon: ClassVar[bool] = False
+    """Whether it has its result in the tick in which it begins, wherever what it asks answers at once."""
 
     @abstractmethod
     def on_start(self) -> NodeStatus:

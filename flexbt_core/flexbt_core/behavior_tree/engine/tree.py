@@ -117,13 +117,14 @@ class Tree:
     def tick_once(self) -> NodeStatus:
         """One tick, and further ones as long as the tree is RUNNING and woken: a chain of nodes that yield completes.
 
-        After ``max_rounds``, or once the host wants to stop the tree (``callbacks.release``), it returns RUNNING with
-        the wake-up pending: a tree that keeps waking itself can be halted by its host.
+        After ``max_rounds``, once the host wants to stop the tree (``callbacks.release``), and when a leaf has waited,
+        it returns RUNNING with the wake-up pending: a tree that keeps waking itself can be paused and halted.
         """
         context = self.context
+        context.waited = False
         status = self._tick()
         rounds = 1
-        while status is RUNNING and context.woken and not context.stopping:
+        while status is RUNNING and context.woken and not (context.stopping or context.waited):
             if rounds >= self._max_rounds:
                 self._on_livelock(f'tree [{self.key.id}] woke itself {rounds} times in one tick; it may never end')
                 break
