@@ -56,10 +56,11 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
     poses = _poses(value)
     try:
         if poses is not None:
-            entry = to_entry(key, fewer_poses(value, MOST_POSES), None, Encoding.BINARY)
+            fewer = fewer_poses(value, MOST_POSES)
+            entry = to_entry(key, fewer, None, Encoding.BINARY)
             if len(entry.data) <= MOST_BYTES:
-                note = f'{sendable(key)}: {MOST_POSES} of {len(poses)} poses' if len(poses) > MOST_POSES else ''
-                return entry, note
+                kept = len(_poses(fewer) or ())
+                return entry, '' if fewer is value else f'{sendable(key)}: {kept} of {len(poses)} poses'
         elif _parts(value, _MOST_PARTS) >= 0:
             entry = to_entry(key, value, None, Encoding.TEXT)
             if len(entry.text) <= MOST_CHARACTERS:
@@ -71,9 +72,10 @@ def _entry(key: str, value: Any) -> tuple[BlackboardEntry, str]:
 
 def _poses(value: Any) -> Sequence[Any] | None:
     """The poses of a path or a list of poses; None for another value, and for one without poses."""
-    poses = getattr(value, 'poses', value)
-    is_list = isinstance(poses, list) and len(poses) > 0 and _is_message(poses[0])
-    return poses if is_list and (hasattr(poses[0], 'pose') or hasattr(poses[0], 'position')) else None
+    poses = getattr(value, 'poses', None) if _is_message(value) else value  # other objects have code of their own
+    if type(poses) is not list or not poses or not _is_message(poses[0]):
+        return None
+    return poses if hasattr(poses[0], 'pose') or hasattr(poses[0], 'position') else None
 
 
 def _is_message(value: Any) -> bool:

@@ -191,6 +191,10 @@ def test_values_without_bound_and_without_type_are_shown_in_short() -> None:
         def __repr__(self) -> str:
             raise RuntimeError
 
+        @property
+        def poses(self) -> list[float]:
+            raise RuntimeError
+
     values = {
         'driver': Driver(),
         'list': [[0] * 1000] * 1000,
@@ -201,6 +205,8 @@ def test_values_without_bound_and_without_type_are_shown_in_short() -> None:
     subject = subject_message('d', 1, values)
     assert sum(len(entry.text) + len(entry.data) for entry in subject.entries) < 1000
     assert {note.partition(' ')[0] for note in subject.notes} == {'list', 'text'}
+    (note,) = subject_message('d', 1, {'path': path_of(700)}).notes
+    assert note == 'path: 351 of 700 poses'
     many = subject_message('d', 1, {f'k{number}': number for number in range(30)})
     assert (len(many.entries), len(many.notes)) == (20, 1)
     assert many.notes[0].startswith('10 values not shown: ')
