@@ -58,7 +58,7 @@ class _Allowance:
         self.rate = rate
         self._at = time.monotonic()
         self._is_used_up = False
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # garbage that is collected while it is held may log, too
         self._dropped = 0
 
     def admit(self) -> bool:

@@ -200,7 +200,7 @@ class NodeRuntime:
         self._posted: deque[Callable[[], object]] = deque()
         self._coalesced = CoalescedTimers()
         self._calls: set[Future[Any]] = set()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # garbage that is collected while it is held may post, too
         self._context = rclpy.Context()
         rclpy.init(
             args=None if args is None else list(args),
@@ -467,8 +467,9 @@ class NodeRuntime:
                     self.node.get_logger().warning(f'{where}: {error}')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
+        is_first = not self._posted
         self._posted.append(fn)
-        if len(self._posted) == 1:
+        if is_first:
             self._doorbell.trigger()
 
     def _spin(self) -> None:

@@ -161,6 +161,33 @@ def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch:
     assert not closing.is_alive()
 
 
+GARBAGE = """
+import gc
+import weakref
+from flexbt_common.runtime import NodeRuntime
+
+class Link:
+    def __init__(self):
+        self.me = self
+
+collected = []
+with NodeRuntime.open('collecting') as runtime:
+    gc.collect()
+    gc.set_threshold(1)
+    for _ in range(1000):
+        weakref.finalize(Link(), runtime.post, lambda: collected.append(1)).atexit = False
+        runtime.post(lambda: None)
+    gc.collect()
+    runtime.call(lambda: print(len(collected), flush=True))
+"""
+
+
+def test_what_is_collected_as_garbage_while_something_is_posted_may_post_too() -> None:
+    with python_process(['-c', GARBAGE]) as process:
+        out, err = process.communicate(timeout=DEADLINE)
+    assert (out, process.returncode) == ('1000\n', 0), err
+
+
 def test_call_gives_the_value_or_the_error_and_works_on_the_executor_thread_too() -> None:
     with NodeRuntime.open('caller') as runtime:
         assert runtime.call(lambda: 7) == 7
