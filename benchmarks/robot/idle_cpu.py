@@ -26,7 +26,7 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack, executable
 
-PROCESSES = ('simulator', 'navigation', 'bt_server', 'onboard_executive')
+PROCESSES = ('simulator', 'navigation', 'bt_server', 'stop_guard', 'onboard_executive')
 SCREEN = 'screen'
 ROWS, COLUMNS = 40, 130
 

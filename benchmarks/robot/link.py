@@ -119,6 +119,7 @@ def measure(
         processes = stack.enter_context(Stack(directory, robot))
         for name in ('simulator', 'navigation', 'bt_server'):
             processes.start(name, {}, {} if scan_period is None else at_executive)
+        processes.start('stop_guard', {}, at_executive)
         processes.start('onboard_executive', {'heartbeat_period': str(heartbeat)}, at_executive)
         observer = stack.enter_context(remote_observer(robot, {}))
         meter = Meter(link, observer, seconds)

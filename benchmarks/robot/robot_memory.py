@@ -39,7 +39,7 @@ from flexbt_testing.system.processes import Stack, executable
 
 T = TypeVar('T')
 
-ROBOT = ('simulator', 'navigation', 'bt_server', 'onboard_executive')
+ROBOT = ('simulator', 'navigation', 'bt_server', 'stop_guard', 'onboard_executive')
 GOALS = ('3.8 1.2 0', '0.8 4.45 0', '9.6 6.6 0', '10.0 2.3 0')
 GOALS_OF_A_RUN = 20
 DEADLINE = 120.0

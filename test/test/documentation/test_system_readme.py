@@ -110,6 +110,7 @@ def test_the_mission_is_driven(installed: dict[str, str], probe: Probe, tmp_path
 
     with Stack(tmp_path) as stack:
         stack.start('simulation', {'speed_factor': '5.0'})
+        stack.start('stop_guard')
         for name in ('bt_server', 'onboard_executive'):
             stack.start(name, environment=installed)
         probe.wait_ready()
