@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import pytest
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
 from flexbt_console import mirror
