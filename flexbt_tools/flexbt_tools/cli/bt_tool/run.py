@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Final
 
-from flexbt_common.runtime import offline_default_context
 from flexbt_core.behavior_tree import TreeKey, TreeLibrary
 from flexbt_core.values import one_line
 from flexbt_server.groot2 import SUFFIX
@@ -67,8 +67,17 @@ def _log_file(text: str) -> Path:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    with offline_default_context():  # a leaf that runs itself may use rclpy
+    with _default_context():
         return _run(options)
+
+
+def _default_context() -> AbstractContextManager[None]:
+    """What leaves that run themselves need for rclpy. Without ROS there are none that use it."""
+    try:
+        from flexbt_common.runtime import offline_default_context
+    except ModuleNotFoundError:
+        return nullcontext()
+    return offline_default_context()
 
 
 def _run(options: argparse.Namespace) -> ExitCode:
