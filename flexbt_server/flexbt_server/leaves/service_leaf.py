@@ -38,7 +38,7 @@ SERVICE_PORTS: Final[dict[str, Port]] = {
 }
 """Ports of every service leaf."""
 
-ANSWER_SECONDS: Final = 0.1
+ANSWER_SECONDS = 0.5
 """How long a tick waits for the answer that a :class:`ServiceLeaf` asks for, s of wall time. In Nav2 that is 5 ms, half
 of the period of its loop; services in Python take longer on a busy machine.
 """
