@@ -132,6 +132,7 @@ class ManagedNode(OpenLifecycleNode):
                 runtime.call(lambda: parameters(self))
             except FlexbtError as error:
                 self.get_logger().warning(f'cannot be configured so: {error}')
+                runtime.are_parameters_declared = False
             self.get_logger().info('unconfigured; waits for a lifecycle manager (autostart is off)')
         self._is_managed.set()
         if not is_automatic:

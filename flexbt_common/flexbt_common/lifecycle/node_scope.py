@@ -38,7 +38,7 @@ class NodeScope(NodeRuntime):
         self._on_close = []
         self._on_fault = []
         self._thread = host._thread
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._before = host.call(self._entities)
         host.on_fault(self._tell_fault)
 

@@ -191,6 +191,8 @@ class NodeRuntime:
         """
         self.has_failed = False
         """Whether the process ends with exit code 1; see :meth:`fail`."""
+        self.are_parameters_declared = True
+        """Whether all parameters are declared: what is not does not exist. False when a managed node refuses one."""
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
@@ -632,6 +634,8 @@ def run_node(
 
 
 def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
+    if not runtime.are_parameters_declared:
+        return
     for line in unknown_parameters([one.node for one in (runtime, *runtime.further)]):
         runtime.node.get_logger().warning(line)
 

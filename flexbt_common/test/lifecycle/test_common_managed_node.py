@@ -291,6 +291,10 @@ import sys
 import time
 from flexbt_core.errors import FlexbtError
 from flexbt_common.lifecycle.managed_node import run_managed_node
+from flexbt_common.runtime import ParameterDeclarer
+
+def declare(node):
+    ParameterDeclarer(node).fixed.integer('most', 1, 0, 9, 'how many there may be')
 
 class Made:
     def __init__(self, runtime, refusal):
@@ -304,7 +308,7 @@ class Made:
         print('deactivating', flush=True)
         time.sleep(60.0)
 
-sys.exit(run_managed_node('managed', Made, waiting=lambda runtime: print('waiting', flush=True)))
+sys.exit(run_managed_node('managed', Made, waiting=lambda runtime: print('waiting', flush=True), parameters=declare))
 """
 
 
@@ -339,6 +343,15 @@ def test_a_signal_ends_the_process_in_any_state(labels: list[str], printed: list
         out, err = child.communicate(timeout=60)
         assert (out.splitlines(), child.returncode) == (printed, 0), err
         assert 'Traceback' not in err
+
+
+def test_a_parameter_that_is_refused_is_not_said_to_be_missing() -> None:
+    with NodeRuntime.open('manager') as manager, process('autostart:=false', 'most:=many') as child:
+        assert LifecycleClient(manager, 'managed').change('configure')
+        child.send_signal(signal.SIGINT)
+        _out, err = child.communicate(timeout=60)
+    assert "cannot be configured so: parameter 'most'" in err
+    assert 'there is no parameter' not in err
 
 
 def test_a_transition_that_does_not_end_does_not_hold_up_the_end() -> None:
