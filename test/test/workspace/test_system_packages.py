@@ -187,5 +187,5 @@ def _names(node: ast.expr) -> set[str]:
 
 def _is_escaped(node: ast.expr) -> bool:
     called = node.value if isinstance(node, ast.Starred) else node
-    is_call = isinstance(called, ast.Call) and isinstance(called.func, ast.Name)
-    return is_call and called.func.id in ('one_line', 'lines')
+    function = called.func if isinstance(called, ast.Call) else None
+    return isinstance(function, ast.Name) and function.id in ('one_line', 'lines')

@@ -238,8 +238,9 @@ class MachineRun:
         """
         region = next(one for one in self.regions() if one.decision is decision)
         child = region.child
+        inputs: tuple[str, ...] = ()
         if isinstance(child, ContainerRun):
-            visible, inputs, outputs = child.scope.visible(), (), child.definition.output_keys
+            visible, outputs = child.scope.visible(), child.definition.output_keys
         else:
             assert isinstance(child, LeafRun)
             remap, state = child.definition.remap, child.state

@@ -652,7 +652,8 @@ def waiting() -> Iterator[tuple[Tree, list[object], threading.Thread]]:
     registry.register_classes((Waits,))
     body = '<Sequence><Waits/><AlwaysSuccess/></Sequence>'
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    services = {'answered': WakeEvent(), 'waits': threading.Event()}
+    waits = threading.Event()
+    services: dict[str, object] = {'answered': WakeEvent(), 'waits': waits}
     running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', clock=ManualClock(), services=services)
     ended: list[object] = []
 
@@ -664,7 +665,7 @@ def waiting() -> Iterator[tuple[Tree, list[object], threading.Thread]]:
 
     thread = threading.Thread(target=run)
     thread.start()
-    assert services['waits'].wait(DEADLINE)
+    assert waits.wait(DEADLINE)
     yield running, ended, thread
     running.callbacks.release()
     thread.join()
@@ -838,7 +839,7 @@ class PortsMethod(SyncAction):
 
 
 class PortsProperty(PortsMethod):
-    ports = property(lambda self: {})  # type: ignore[assignment]
+    ports = property(lambda self: {})
 
 
 class PortsList(PortsMethod):

@@ -92,12 +92,15 @@ class TypedLine(Input):
         spec = find(words[0]) if len(words) > 1 else None
         usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []
         found = offers(self.value, view)
-        lines = []
+        lines, refused = [], set()
         for number, (line, about, refusal) in enumerate(found):
             told = one_line(f'not possible: {refusal}' if refusal else about)
             shown = f'{">" if number == self._marked else " "} {one_line(line):{NAME_COLUMNS}}  {told}'.rstrip()
-            lines.append(Line(cut(shown, columns), Tone.DIM if refusal else Tone.PLAIN))
-        return styled([*usage, *window(lines, self._marked, rows - len(usage))][:rows])
+            lines.append(cut(shown, columns))
+            if refusal:
+                refused.add(lines[-1])
+        offered = window(lines, self._marked, rows - len(usage))
+        return styled([*usage, *(Line(line, Tone.DIM if line in refused else Tone.PLAIN) for line in offered)][:rows])
 
     def _completed(self, value: str) -> str | None:
         try:
