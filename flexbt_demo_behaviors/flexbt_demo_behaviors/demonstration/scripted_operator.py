@@ -143,7 +143,9 @@ class ScriptedOperator:
 
         def decision(view: View) -> Decision | None:
             self._check_running(view)
-            asked = (item for item in view.decisions if item.kind is kind and item.path == path and not view.lacks(item))
+            asked = (
+                item for item in view.decisions if item.kind is kind and item.path == path and not view.lacks(item)
+            )
             return next((item for item in asked if item.id not in self._answered), None)
 
         return self.wait(decision, f'decision of {path}', timeout)

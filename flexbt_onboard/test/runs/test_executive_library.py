@@ -69,7 +69,7 @@ def test_consoles_get_all_that_a_form_needs(install: Install) -> None:
     assert (speed.label, speed.unit, speed.minimum, speed.maximum) == ('Top speed', 'm/s', '0', '1.25')
     assert (goal.key, goal.type, goal.needed) == ('goal', 'geometry_msgs/PoseStamped', True)
     behavior.set_arguments([('speed', '1.25')])
-    with pytest.raises(ParameterError, match='1.5 is outside of its limits 0 to 1.25'):
+    with pytest.raises(ParameterError, match=r'1\.5 is outside of its limits 0 to 1\.25'):
         behavior.set_arguments([('speed', '1.5')])
 
 

@@ -112,7 +112,8 @@ def test_a_test_fails_that_takes_locks_in_both_orders(tmp_path: Path) -> None:
         '    import pytest\n'
         '    assert pytest.main(["-p", "flexbt_testing.pytest_plugin", "--collect-only", __file__]) == 0\n'
     )
-    words = [sys.executable, '-m', 'pytest', '-p', 'flexbt_testing.pytest_plugin', '-p', 'no:cacheprovider', str(tmp_path)]
+    plugins = ['-p', 'flexbt_testing.pytest_plugin', '-p', 'no:cacheprovider']
+    words = [sys.executable, '-m', 'pytest', *plugins, str(tmp_path)]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=120.0, check=False)
     assert '3 passed, 1 error' in done.stdout, done.stdout
     assert 'ERROR at teardown of test_two' in done.stdout
