@@ -39,7 +39,8 @@ class ActionServerLink(ServerLink):
             client.on_list = tell  # which does not hold the link
             return client
         topic = f'{self.name}/_action/status'
-        node.create_subscription(GoalStatusArray, topic, tell, qos_profile_action_status_default)
+        listening = node.create_subscription(GoalStatusArray, topic, tell, qos_profile_action_status_default)
+        self.subscriptions = (listening,)
         return ActionClient(*arguments, **options)
 
     @property

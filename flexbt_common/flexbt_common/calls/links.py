@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from flexbt_common.liveness import PEER_TIMEOUT, LivelinessWatch, tells_liveliness
 from flexbt_common.names import alive_topic
@@ -119,6 +120,8 @@ class ServerLink:
 
     client: Any
     """That of rclpy, for the executor thread; it is destroyed when nobody holds the link any more."""
+    subscriptions: tuple[Subscription, ...] = ()
+    """Those that are needed beside the client; they are destroyed with it."""
 
     def __init__(self, runtime: NodeRuntime, name: str, nodes: ServerNodes, answer_topic: str) -> None:
         """``answer_topic``: a topic on which the server answers, as DDS has it."""
@@ -197,13 +200,15 @@ class Links(Generic[LinkT]):
         timeout = self._peer_timeout
         nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
         link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
-        destroy = partial(_destroy, self._runtime.node, link.client)
+        destroy = partial(_destroy, self._runtime.node, link.client, link.subscriptions)
         weakref.finalize(link, self._runtime.post, destroy).atexit = False
         return link
 
 
-def _destroy(node: Node, client: Any) -> None:
-    """Take a client of rclpy from its node, on the executor thread."""
+def _destroy(node: Node, client: Any, subscriptions: tuple[Subscription, ...]) -> None:
+    """Take what a link has made from its node, on the executor thread."""
+    for subscription in subscriptions:
+        node.destroy_subscription(subscription)
     if isinstance(client, ActionClient):
         client.destroy()
     else:

@@ -168,13 +168,19 @@ def test_a_call_that_is_on_its_way_while_its_node_ends_is_no_fault() -> None:
     assert faults == []
 
 
-@pytest.mark.parametrize(('links_of', 'kind', 'clients_of'), [
-    (ServiceLinks, Trigger, lambda node: list(node.clients)),
-    (ActionLinks, Wait, lambda node: [one for one in node.waitables if isinstance(one, ActionClient)]),
+@pytest.mark.parametrize(('stock', 'links_of', 'kind', 'made_in'), [
+    ('0', ServiceLinks, Trigger, lambda node: list(node.clients)),
+    ('0', ActionLinks, Wait, lambda node: [one for one in node.waitables if isinstance(one, ActionClient)]),
+    ('1', ActionLinks, Wait, lambda node: [one for one in node.subscriptions if one.topic_name.endswith('/status')]),
 ])  # fmt: skip
 def test_names_of_servers_do_not_fill_the_memory(
-    links_of: type[Any], kind: Any, clients_of: Callable[[Node], list[Any]]
+    stock: str,
+    links_of: type[Any],
+    kind: Any,
+    made_in: Callable[[Node], list[Any]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv('FLEXBT_STOCK_RCLPY', stock)
     with NodeRuntime.open('calls') as runtime:
         links = links_of(runtime)
         held = links.link(kind, 'held')
@@ -182,7 +188,5 @@ def test_names_of_servers_do_not_fill_the_memory(
         for number in range(MOST_LINKS + 20):
             links.link(kind, f'name{number}')
             assert links.link(kind, 'used') is used()
-        wait_until(
-            lambda: runtime.call(lambda: len(clients_of(runtime.node))) == MOST_LINKS + 1, 'clients are destroyed'
-        )
+        wait_until(lambda: runtime.call(lambda: len(made_in(runtime.node))) == MOST_LINKS + 1, 'they are destroyed')
         assert links.link(kind, 'held') is held
