@@ -30,7 +30,6 @@ _REMEDY = (
 _VARIABLES = {
     'cert': 'SSL_CERT_FILE',
     'client-cert': 'SSL_CLIENT_CERT',
-    'constraint': 'UV_CONSTRAINT',
     'default-timeout': 'UV_HTTP_TIMEOUT',
     'extra-index-url': 'UV_INDEX',
     'find-links': 'UV_FIND_LINKS',
@@ -48,6 +47,7 @@ _WITHOUT_EFFECT = {
     'cache-dir',
     'compile',
     'config-file',
+    'constraint',  # the locks decide, and uv takes no constraint without a hash beside one
     'debug',
     'disable-pip-version-check',
     'exists-action',
