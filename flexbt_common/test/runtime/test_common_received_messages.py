@@ -246,4 +246,3 @@ def test_what_takes_long_leaves_most_of_the_executors_time_to_others_and_loses_n
         wait_until(lambda: len(taken) == count, lambda: f'{len(taken)} of {count} messages')
         between = [after - before for before, after in itertools.pairwise(taken)]
         assert all(one >= 0.1 + Pace.RESTS * 0.1 - Pace.BURST_SECONDS - 0.01 for one in between), between
-
