@@ -183,18 +183,22 @@ class TreeStore:
                 if reasons:
                     raise UnknownTreeError(f'tree file refused: {reasons}')
                 notices += [report.notice for report in reports]
-            notice = ''
+            held: list[TreeLibrary] = []  # in use, so that it is not dropped when edits of its parts take room
             for _ in range(_MOST_ROUNDS):
                 before = self._library
                 key = self._key(name, is_file)
-                # Any of them may have what is missing.
-                notice = self._refresh(list(self._loaded) if key is None else self._files_behind(key))
+                if key is not None:
+                    held.append(self._part(key))
+                    files = self._files_behind(key)
+                else:
+                    files = [name] if is_file else list(self._loaded)  # any of them may have what is missing
+                notices.append(self._refresh(files))
                 if self._library is before:
                     break
             key = self._key(name, is_file)
             if key is not None:
                 self._memory.use(self._files_behind(key))
-                return FoundTree(self._part(key), key, '; '.join(filter(None, [notice, *notices])))
+                return FoundTree(self._part(key), key, '; '.join(filter(None, notices)))
             if not is_file:
                 raise UnknownTreeError(self._no_such_tree(name))
             trees = ', '.join(sorted(self._library.documents[name].trees)) or 'none'
@@ -233,16 +237,18 @@ class TreeStore:
         return found
 
     def _refresh(self, names: Sequence[str]) -> str:
-        """Load those of these documents again whose files have changed, together; gives why that was refused."""
+        """Load those of these documents again whose files have changed, together; return what there is to tell of it:
+        why that was refused, or what was dropped."""
         outdated = tuple(name for name in names if not self._files.are_current(self._loaded[name].sources))
         if not outdated:
             return ''
         refused = self._refused.get(outdated)
         if refused is None or not self._files.are_current(refused.sources):
             readings = [Reading(self._files, name, self._loaded[name].text) for name in outdated]
-            reasons = _errors_of(self._load([(reading.name, reading) for reading in readings], None, newest=False))
+            reports = self._load([(reading.name, reading) for reading in readings], None, newest=False)
+            reasons = _errors_of(reports)
             if not reasons:
-                return ''
+                return '; '.join(filter(None, [report.notice for report in reports]))
             sources = {name: source for reading in readings for name, source in reading.sources.items()}
             refused = _Refusal(sources, f'an edit was not taken over, the last good version runs: {reasons}')
             self._refused[outdated] = refused

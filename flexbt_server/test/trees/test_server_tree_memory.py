@@ -125,6 +125,23 @@ def test_a_file_that_was_dropped_is_loaded_again_by_its_name_and_by_that_of_its_
         del found  # it would be in use
 
 
+@pytest.mark.parametrize('is_file', [True, False])
+def test_a_tree_stays_that_is_asked_for_while_an_edit_of_its_parts_takes_room(
+    store: TreeStore, tmp_path: Path, is_file: bool
+) -> None:
+    main, part = tmp_path / 'main.xml', tmp_path / 'part.xml'
+    main.write_text(large('Main', '<SubTree ID="Part"/>'))
+    part.write_text(document('<AlwaysSuccess/>', 'Part'))
+    for file in (part, main):
+        assert store.load([str(file)])[0].code == BtLoadReport.LOADED
+    load(store, large('Other'))
+    part.write_text(large('Part', '<AlwaysSuccess/>' * NODES))
+    found = store.find(str(main) if is_file else 'Main')
+    assert (found.key.id, 'Part' in found.library.tree_ids()) == ('Main', True)
+    assert [is_loaded(store, tree) for tree in ('Main', 'Part', 'Other')] == [True, True, False]
+    assert found.notice.endswith('the least recently used trees were dropped: Other')
+
+
 def test_what_can_have_no_room_is_refused_and_all_stays(store: TreeStore) -> None:
     load(store, large('A'))
     (report,) = store.load([], document(f'<Sequence>{"<Spin/>" * 10 * NODES}</Sequence>', 'TooLarge'))
