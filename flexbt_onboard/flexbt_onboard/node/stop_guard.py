@@ -14,7 +14,7 @@ import functools
 import sys
 import uuid
 from collections import OrderedDict
-from typing import Final
+from typing import Any, Final
 
 from rclpy.event_handler import PublisherEventCallbacks
 
@@ -23,6 +23,7 @@ from flexbt_common.calls import ServiceLinks
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import (
     COMPLAINT_SECONDS,
+    DeepNode,
     NodeRuntime,
     ParameterDeclarer,
     Received,
@@ -62,6 +63,15 @@ _OPEN_STOPS: Final = 32
 """STOPs without an answer that are remembered; while there are more, the robot is kept at rest all the same."""
 
 _KNOWN_STOPS: Final = 1024
+
+
+class GuardNode(DeepNode):
+    """A node whose parameters are as it was started with, and have no services: to unpack a request for 200,000 of them
+    takes seconds, in which a node hears no STOP.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, start_parameter_services=False, **options)
 
 
 class StopGuard:
@@ -242,7 +252,7 @@ def open_stop_guard(runtime: NodeRuntime) -> StopGuard:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
-    return run_node(names.STOP_GUARD, open_stop_guard, args, about=__doc__)
+    return run_node(names.STOP_GUARD, open_stop_guard, args, GuardNode, about=__doc__)
 
 
 if __name__ == '__main__':

@@ -10,6 +10,7 @@ from itertools import groupby
 import pytest
 from geometry_msgs.msg import Twist
 from nav2_msgs.action import FollowPath
+from rclpy.exceptions import ParameterImmutableException
 
 from flexbt_common import names
 from flexbt_common.calls import ActionLinks, GoalStatus
@@ -180,3 +181,12 @@ def test_a_guard_hears_the_stops_of_its_own_robot_alone() -> None:
         mine.wait_holding(stop_id)
         others.wait_holding(other_id)
         assert [[one.command_id for one in world.last.results] for world in worlds] == [[stop_id], [other_id]]
+
+
+def test_the_guard_serves_nothing_that_a_large_request_could_keep_it_with() -> None:
+    with NodeRuntime.open(names.STOP_GUARD, node_class=stop_guard.GuardNode) as runtime:
+        stop_guard.open_stop_guard(runtime)
+        served = {service.srv_type.__name__ for service in runtime.node.services}
+        assert served <= {'GetTypeDescription'}
+        with pytest.raises(ParameterImmutableException):  # nor can its own code change what it was started with
+            runtime.call(lambda: runtime.node.undeclare_parameter('motion_actions'))
