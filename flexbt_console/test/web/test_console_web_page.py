@@ -464,6 +464,7 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
     goal = BehaviorInput('goal', 'geometry_msgs/PoseStamped', 'where to drive', needed=True)
     behaviors = (
         Behavior('Broken', error='ImportError: no module named moveit'),
+        Behavior('Errand', parameters=(speed,)),
         Behavior('Patrol', parameters=(speed,), inputs=(goal,)),
     )
     robot.mirror.receive_behaviors(BehaviorList('e', behaviors))
@@ -495,11 +496,20 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         browser.until_text('decision-line', 'nothing waits')
         type_into('f', 'fa', Keys.DOWN, Keys.ENTER)  # the only line that fits
         assert robot.wait_sent(2)[1].outcome == 'failed'
+        type_into('f', Keys.DOWN, 'failex', Keys.ENTER)  # what is typed at a line is typed into the field
+        browser.until_text('dialog-body', 'no line has this name')
+        leave()
+        assert len(robot.sent) == 2
         robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
         browser.until_text('start', 'Start')
         type_into('s', 'broken', Keys.ENTER)
         browser.until_text('dialog-body', 'not possible: ImportError: no module named moveit')
         leave()
+        browser.run('performance.now = () => 1000')  # what comes at once was meant for what opened the form
+        type_into('s', 'errand', Keys.ENTER, Keys.ENTER)
+        browser.until_text('dialog-body', 'just opened: Enter again: start')
+        leave()
+        assert len(robot.sent) == 2
         type_into('s', 'patrol', Keys.ENTER)
         browser.until_text('dialog-body', 'Top speed [speed] (float, from 0 to 1.5 m/s) while it carries')
         browser.press(Keys.END, '5', Keys.ENTER)

@@ -27,11 +27,10 @@ from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import POSE_TYPES, Behavior, BehaviorInput, BehaviorParameter, Pose, View
 from flexbt_console.pictures import fold, map_image, where_text
 from flexbt_console.present import BOOLEANS, Line, parameter_text, tone_of
-from flexbt_console.ui.interaction import REACTION_SECONDS
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line, shown
 
-from .panes import Pane, styled
+from .panes import BURST_SECONDS, Pane, styled
 
 if TYPE_CHECKING:
     from .terminal_images import ImageWidget
@@ -282,7 +281,7 @@ class StartForm(ModalScreen[str | None]):
     starts it, or None.
 
     ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays. So does an
-    Enter that comes at once while nothing was filled in: it was meant for what opened the form.
+    Enter that comes at once, or is held down, while nothing was filled in: it was meant for what opened the form.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -295,7 +294,7 @@ class StartForm(ModalScreen[str | None]):
     def __init__(self, command: CommandSpec, behavior: Behavior, view: View, clock: Clock) -> None:
         super().__init__()
         self._clock = clock
-        self._opened_at = clock.now()
+        self._pressed_at = clock.now()
         self._command = command
         self._behavior = behavior
         typed = Typed((behavior.name,), view)
@@ -333,7 +332,8 @@ class StartForm(ModalScreen[str | None]):
     def action_send(self) -> None:
         """Return the line; where a value cannot be used, say why, at its field."""
         is_untouched = self.focused in (None, *self._fields[:1]) and not any(field.is_changed for field in self._fields)
-        if is_untouched and self._clock.now() - self._opened_at < REACTION_SECONDS:
+        pressed_at, self._pressed_at = self._pressed_at, self._clock.now()
+        if is_untouched and self._pressed_at - pressed_at < BURST_SECONDS:
             self.query_one('.dialog').border_subtitle = Text(f'just opened: Enter again: {self._command.name}', 'bold')
             return
         words = [self._command.name, self._behavior.name]

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Buttons, single keys, dialogs and the line that is typed: each gives a line as it is written at the prompt.
 
-import {element, plain} from './decision.js';
+import {REACTION_MS, element, plain} from './decision.js';
 
 const COMPLETE_MS = 100;
 
@@ -111,7 +111,11 @@ export class Commands {
         if (found.length === 1) take(found[0]);
         else told.textContent = found.length ? `${found.length} lines have this name: go down to one` : typed
           ? 'no line has this name: type it in full, or go down to a line' : 'nothing is chosen yet: type a name, or go down to a line';
-      } else return;
+      } else {
+        // What is typed at a line is typed into the field: Enter must not take that line for it. Space presses a button.
+        if ((/^[^ ]$/u.test(event.key) || event.key === 'Backspace') && !event.ctrlKey && !event.altKey && !event.metaKey) field.focus();
+        return;
+      }
       event.preventDefault();
       event.stopPropagation();  // what has closed the dialog must not confirm a decision, too
     });
@@ -134,6 +138,7 @@ export class Commands {
       const field = element(choices.length ? 'select' : 'input', {name, autocomplete: 'off'});
       for (const choice of choices) field.append(element('option', {value: choice}, choice));
       field.value = value;
+      if (field.selectedIndex < 0) field.selectedIndex = 0;  // a default that is none of the choices
       form.append(element('label', {class: 'field'}, name, field, element('span', {}), element('span', {class: 'hint'}, told)));
       field.addEventListener('input', () => field.setCustomValidity(check(field.value)));
       fields.push(() => written(field.value));
@@ -152,9 +157,14 @@ export class Commands {
     for (const {name, help, choices} of known) {
       add(name.slice(2), help, choices.length ? ['', ...choices] : [], '', (value) => value ? [name, value] : []);
     }
-    form.append(element('button', {type: 'submit'}, verb));
+    const told = element('p', {class: 'hint', role: 'status'});
+    form.append(element('button', {type: 'submit'}, verb), told);
+    let opened = performance.now();  // an Enter that comes at once, or is held down, was meant for what opened the form
+    form.addEventListener('input', () => { opened = -Infinity; });
+    form.addEventListener('keydown', (event) => { if (event.key === 'Enter' && event.repeat) event.preventDefault(); });
     form.addEventListener('submit', (event) => {
       event.preventDefault();
+      if (performance.now() - opened < REACTION_MS) { told.textContent = `just opened: Enter again: ${verb}`; return; }
       byId('dialog').close();
       this.do([verb, behavior.name, ...fields.flatMap((written) => written())].map(word).join(' '));
     });

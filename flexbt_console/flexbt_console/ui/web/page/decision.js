@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The decision that waits. Each button belongs to the decision it was made for: its answer never reaches another one.
 
-const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other,
-                          // also when there was nothing in between for no longer than this
+export const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other,
+                                 // also when there was nothing in between for no longer than this
 
 export class DecisionBar {
   // send(message) gives whether it went out; tell(text, tone); placesOf() are the names of places; all is where one of
