@@ -369,10 +369,11 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
 def alarm_line(view: View) -> str:
     """That the robot moves though it should stand, or that the stop guard holds it; '' when neither is so."""
     motion = view.unwanted_motion
-    if motion is None:
+    if motion is None or (view.guard.told and not view.live):  # what the robot did is older than what the guard says
         return Line(view.guard.told, Tone.ERROR) if view.guard.told else ''
     how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
-    return Line(f'ALARM: THE ROBOT MOVES, {how_far} so far, though {motion.why}; stop it again', Tone.ERROR)
+    moves = f'MOVES, {how_far} so far,' if view.live else f'MOVED, {how_far} when it was last heard of,'
+    return Line(f'ALARM: THE ROBOT {moves} though {motion.why}; stop it again', Tone.ERROR)
 
 
 def robot_line(robot: RobotOverview) -> str:

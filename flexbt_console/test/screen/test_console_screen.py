@@ -43,6 +43,7 @@ from flexbt_console.mirror import (
     ExecutiveState,
     Fleet,
     GridMap,
+    LinkState,
     LogLine,
     Mirror,
     NodeKind,
@@ -54,6 +55,7 @@ from flexbt_console.mirror import (
     Snapshot,
     StateKind,
     StateStructure,
+    StopGuard,
     Structure,
     Subject,
     Subjects,
@@ -62,7 +64,7 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
-from flexbt_console.present import Tone, tone_of
+from flexbt_console.present import Tone, alarm_line, tone_of
 from flexbt_console.ui.interaction import KEYS, Attention, Key, Station
 from flexbt_console.ui.screen import OperatorScreen, run_screen
 from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage
@@ -1202,6 +1204,10 @@ def test_a_robot_that_moves_though_it_should_stand_is_an_alarm() -> None:
         assert 'ALARM: THE ROBOT MOVES, 0.50 m so far, though the run was stopped' in text_of(app)
 
     on_screen(robot, look)
+    lost = dataclasses.replace(robot.mirror.view(), link=LinkState.LOST)
+    assert alarm_line(lost).startswith('ALARM: THE ROBOT MOVED, 0.50 m when it was last heard of')
+    held = dataclasses.replace(lost, guard=StopGuard(holding=True, operator='ann'))
+    assert alarm_line(held).startswith('HELD BY THE STOP GUARD')  # which is newer
 
 
 def test_what_has_another_size_is_drawn_for_it_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
