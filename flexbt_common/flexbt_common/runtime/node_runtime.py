@@ -677,6 +677,7 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
         faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
     gc.unfreeze()  # the default context finds its nodes among what the collector knows
     runtime.close()
+    gc.freeze()  # else the interpreter collects it at its end, and destructors of the middleware may wait for ever
     in_time.cancel()
 
 
