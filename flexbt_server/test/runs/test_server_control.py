@@ -49,7 +49,7 @@ class Operator:
         self._runtime = runtime
         node = runtime.node
         link = ServiceLinks(runtime).link(ControlTree, names.CONTROL_TREE)
-        self._client = link.client
+        self._link = link
         self.statuses: list[TreeStatus] = []
         runtime.call(
             lambda: node.create_subscription(TreeStatus, names.TREE_STATUS, self.statuses.append, names.latched(100))
@@ -59,7 +59,7 @@ class Operator:
     def send(self, command: int, run_id: str = '', owner: str = '') -> Any:
         """The future of the response."""
         request = ControlTree.Request(command=command, run_id=run_id, owner=owner)
-        return self._runtime.call(lambda: self._client.call_async(request))
+        return self._runtime.call(lambda: self._link.client.call_async(request))
 
     def ask(self, command: int, run_id: str = '', owner: str = '') -> str:
         """'' when it had its effect, otherwise why not."""
