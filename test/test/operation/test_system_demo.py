@@ -110,7 +110,7 @@ def test_demonstrations_reach_their_goals_and_take_every_branch(
 def test_a_signal_ends_every_process_and_is_no_success(mark: str, tmp_path: Path) -> None:
     process = start(mark, tmp_path, '--demo', '1')
     wait_for_line(process, '/Drive')
-    assert len(marked(mark)) == 5
+    assert len(marked(mark)) == 6
     sent = uncontended_time()
     process.send_signal(signal.SIGTERM)
     output, _ = process.communicate(timeout=60)

@@ -146,10 +146,10 @@ def begin_watch(group: ProcessGroup, options: RunOptions) -> None:
 @pytest.mark.parametrize(
     ('begin', 'count'),
     [
-        (begin_demonstration, 4),
-        (begin_watch, 7),
-        (lambda group, options: nav2_robot._run(options, group, 0), 3),
-        (lambda group, options: goals._run(options, group, 0), 3),
+        (begin_demonstration, 5),
+        (begin_watch, 9),
+        (lambda group, options: nav2_robot._run(options, group, 0), 4),
+        (lambda group, options: goals._run(options, group, 0), 4),
     ],
     ids=['demo', 'night_watch', 'nav2_robot', 'goals'],
 )
