@@ -116,3 +116,4 @@ def test_where_no_log_can_be_written_or_read(tmp_path: Path) -> None:
         done = tool(*words, str(tmp_path / name))
         assert done.code == 2
         assert name in done.err
+    assert 'pipe or device' in tool('log', '/dev/zero').err

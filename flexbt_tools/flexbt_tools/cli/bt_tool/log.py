@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     try:
         log = read_log(options.file)
     except OSError as error:
-        raise UsageError(f'{options.file}: {error.strerror}') from error
+        raise UsageError(f'{options.file}: {error.strerror or error}') from error
     except LogError as error:
         print(one_line(str(error), 1000), file=sys.stderr)
         return ExitCode.REFUSED
