@@ -242,6 +242,22 @@ def a_callback_that_uses_the_node_and_logs(state: Any) -> bool:
     return is_heard
 
 
+def a_callback_that_awaits_an_answer(state: Any) -> bool:
+    """In rclpy's group of a node, its answer would wait for the callback, and all that the executive hears with it."""
+    client = state._node.create_client(Trigger, 'look')
+    looks(client)
+    answered = threading.Event()
+
+    async def hear(_message: Any) -> None:
+        if (await client.call_async(Trigger.Request())).success:
+            answered.set()
+
+    subscription = state._node.create_subscription(String, 'words', hear, LATCHED)
+    is_answered = answered.wait(DEADLINE)
+    state._node.destroy_subscription(subscription)
+    return is_answered
+
+
 def a_thread_that_uses_proxies_and_logs(state: Any) -> bool:
     found: list[object] = []
 
@@ -258,6 +274,7 @@ def a_thread_that_uses_proxies_and_logs(state: Any) -> bool:
 
 IDIOMS = (
     a_callback_that_uses_the_node_and_logs,
+    a_callback_that_awaits_an_answer,
     a_thread_that_uses_proxies_and_logs,
     ok_ends_no_loop,
     a_node_of_its_own,

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState, GetState
-from rclpy.callback_groups import CallbackGroup
 from rclpy.lifecycle import LifecycleNode, LifecycleNodeMixin
 from rclpy.node import Node
 
@@ -17,10 +16,9 @@ class OpenLifecycleNode(DeepNode, LifecycleNode):
     """``self._get_state`` and ``self._change_state`` are rclpy's answers; :meth:`answer_get_state` and
     :meth:`answer_change_state` are what is answered. For a transition that is not possible rclpy raises RCLError."""
 
-    def __init__(self, name: str, callback_group: CallbackGroup | None = None, **options: Any) -> None:
-        """``callback_group`` is that of the services."""
+    def __init__(self, name: str, **options: Any) -> None:
         Node.__init__(self, name, **options)
-        LifecycleNodeMixin.__init__(self, callback_group=callback_group)
+        LifecycleNodeMixin.__init__(self)
         served = {service.srv_type: service for service in self.services}
         self._get_state = served[GetState].callback
         self._change_state = served[ChangeState].callback

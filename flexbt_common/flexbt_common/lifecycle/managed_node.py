@@ -30,7 +30,6 @@ from typing import Any, Final, Protocol
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action.server import RCLError
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.task import Future
@@ -97,8 +96,7 @@ class ManagedNode(OpenLifecycleNode):
     """The node of a :class:`NodeRuntime`; :meth:`manage` says of what."""
 
     def __init__(self, name: str, **options: Any) -> None:
-        # In the group of the node, a request that waits would hold up all that the node does.
-        super().__init__(name, ReentrantCallbackGroup(), **options)
+        super().__init__(name, **options)
         self._is_managed = threading.Event()
         self._transitions = ThreadPoolExecutor(1, f'{name}_transitions', initializer=self._is_managed.wait)
         self._error: Exception | None = None

@@ -36,6 +36,7 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException
@@ -96,6 +97,11 @@ class DeepNode(Node):
         return self._bounded_logger
 
     _bounded_logger: NodeLogger | None = None
+
+    @cached_property
+    def default_callback_group(self) -> CallbackGroup:
+        """Reentrant: what awaits holds up nothing else of the node, such as a STOP; one thread calls all anyway."""
+        return ReentrantCallbackGroup()
 
     @cached_property
     def qos_misfits(self) -> QosMisfits:

@@ -25,6 +25,8 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future as Awaited
 from std_msgs.msg import Empty
 
 from flexbt_common.calls import ServiceLinks, service_outcome
@@ -35,6 +37,8 @@ from flexbt_common.runtime.node_runtime import DeepNode
 from flexbt_common.runtime.parameters import ParameterDeclarer, unknown_parameters
 from flexbt_testing.system.python_process import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 PROGRAM = """
 import sys
@@ -450,6 +454,23 @@ def test_a_text_for_use_sim_time_is_refused_with_what_to_write() -> None:
             "program: cannot start: Trying to set parameter 'use_sim_time' to 'True' of type 'STRING', "
             "expecting type 'BOOL'; write it without quotes\n"
         )
+
+
+@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+def test_a_callback_that_awaits_holds_up_nothing_else_of_the_node(node_class: type[DeepNode]) -> None:
+    began, heard = threading.Event(), threading.Event()
+
+    async def wait_for_ever(_: Empty) -> None:
+        began.set()
+        await Awaited()
+
+    with NodeRuntime.open('one', node_class=node_class) as runtime, NodeRuntime.open('other') as other:
+        runtime.call(lambda: runtime.node.create_subscription(Empty, 'awaits', wait_for_ever, LATCHED))
+        other.call(lambda: other.node.create_publisher(Empty, 'awaits', LATCHED)).publish(Empty())
+        assert began.wait(DEADLINE)
+        runtime.call(lambda: runtime.node.create_subscription(Empty, 'stop', lambda _: heard.set(), LATCHED))
+        other.call(lambda: other.node.create_publisher(Empty, 'stop', LATCHED)).publish(Empty())
+        assert heard.wait(DEADLINE)
 
 
 def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 
 from flexbt_common import names
@@ -33,13 +32,7 @@ class ControlServer:
     def __init__(self, runtime: NodeRuntime, goals: TreeGoals) -> None:
         self._runtime = runtime
         self._goals = goals
-        runtime.node.create_service(
-            ControlTree,
-            names.CONTROL_TREE,
-            self._serve,
-            # In the group of the node a request that waits would hold up all that the node does.
-            callback_group=ReentrantCallbackGroup(),
-        )
+        runtime.node.create_service(ControlTree, names.CONTROL_TREE, self._serve)
 
     async def _serve(self, request: Any, response: Any) -> Any:
         response.message = await self._obey(request, response)
