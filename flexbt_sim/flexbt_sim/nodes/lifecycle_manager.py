@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple, TypeVar
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav2_msgs.srv import ManageLifecycleNodes
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -128,7 +127,7 @@ class LifecycleManager:
         """
         self._runtime = runtime
         self._links = ServiceLinks(runtime)
-        self._lock = threading.Lock()
+        self._commands = threading.Semaphore(1)  # one at a time, in threads of their own, which wait for others
         parameters = runtime.call(lambda: declare_manager_parameters(runtime.node))
         self._names, self._timeout = parameters.node_names, parameters.service_timeout
         runtime.call(self._serve)
@@ -137,9 +136,8 @@ class LifecycleManager:
 
     def _serve(self) -> None:
         node = self._runtime.node
-        group = ReentrantCallbackGroup()  # in that of the node, a request would wait for answers that wait for it
-        node.create_service(ManageLifecycleNodes, '~/manage_nodes', self._manage, callback_group=group)
-        node.create_service(Trigger, '~/is_active', self._tell_active, callback_group=group)
+        node.create_service(ManageLifecycleNodes, '~/manage_nodes', self._manage)
+        node.create_service(Trigger, '~/is_active', self._tell_active)
 
     async def _manage(self, request: Any, response: Any) -> Any:
         try:
@@ -180,7 +178,7 @@ class LifecycleManager:
         if command is None:
             logger.error(f'there is no command {number}', throttle_duration_sec=COMPLAINT_SECONDS)
             return False
-        with self._lock:
+        with self._commands:
             try:
                 for step in command.steps:
                     for name in self._names if command.is_upward else reversed(self._names):
