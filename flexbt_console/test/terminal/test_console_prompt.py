@@ -105,8 +105,9 @@ def test_a_number_picks_a_choice_and_asks_where_it_is_another_one_itself() -> No
         command('1', view(NUMBERS), 'i3')
     assert command('input 1', view(NUMBERS), 'i3').inputs[0].text == '1'
     assert command('2', view(NUMBERS), 'i3').inputs[0].text == '10'
-    with pytest.raises(RefusedError, match='1 to 3'):
-        command('4', view(NUMBERS), 'i3')
+    for none in ('4', '0', '01', '002'):
+        with pytest.raises(RefusedError, match='1 to 3'):
+            command(none, view(NUMBERS), 'i3')
 
 
 def test_a_mistyped_command_is_not_the_answer_to_a_request_for_text() -> None:

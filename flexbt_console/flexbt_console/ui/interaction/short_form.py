@@ -144,7 +144,8 @@ def _answer(text: str, view: View, make: CommandBuilder, decision: Decision) -> 
     choices = decision.choices
     chosen = text
     if text.isascii() and text.isdigit() and choices:
-        counted = choices[int(text) - 1] if len(text) < 6 and 1 <= int(text) <= len(choices) else None
+        is_number = len(text) < 6 and not text.startswith('0')
+        counted = choices[int(text) - 1] if is_number and int(text) <= len(choices) else None
         if text in choices and counted not in (None, text):
             verb = 'input' if decision.kind is DecisionKind.INPUT else 'force'
             raise RefusedError(f'{text} is an answer, and the number of {shown(counted)}; write: {verb} {text}')
