@@ -80,6 +80,10 @@ class Executive:
         self._status = StatusPublisher(runtime, self._publish_status, parameters.heartbeat_period)
         self._token = LivelinessToken(runtime)
         self._problems = problems = StorageProblems(self._link.log, self._storage_changed)
+        # First, since it may raise: nothing has asked by then for a status, which lacks what comes below.
+        self._journal = journal = RunJournal(
+            parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR), runtime.steady
+        )
         event_log = EventLog(
             node_file(parameters.event_log_directory, node_name, '.jsonl'),
             runtime.clock,
@@ -91,9 +95,6 @@ class Executive:
         runtime.on_close(event_log.close)
         self._report = report = Reporter(self._link.log, event_log, EventStream(runtime, self._id).add)
         report.event('executive', state='started', executive=self._id)
-        self._journal = journal = RunJournal(
-            parameters.journal_directory, node_name, problems.of('journal', ExecutiveLog.ERROR), runtime.steady
-        )
         runtime.on_close(journal.close)
 
         # The robot, and who watches it.

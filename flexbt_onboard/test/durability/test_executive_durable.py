@@ -22,8 +22,10 @@ import pytest
 from flexbt_common.runtime import NodeRuntime
 from flexbt_core.state_machine import EventState, OperatableStateMachine
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_onboard.behaviors import BehaviorLibrary
+from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log.run_metrics import metrics_of, read_events
-from flexbt_onboard.node import ExecutiveParameters
+from flexbt_onboard.node import ExecutiveParameters, open_executive
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.system.fork_server import ForkedProcess
@@ -293,3 +295,18 @@ def test_an_interrupted_run_is_aborted_and_one_that_cannot_go_on_says_why(bench:
     bench.start('Spoil')
     assert bench.kill(signal.SIGTERM) == 0  # which stops the run
     assert bench.launch() == ExecutiveStatus.IDLE
+
+
+def test_where_neither_journal_nor_event_log_can_be_used_nothing_is_told_but_that(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'onboard_executive.journal')
+    (tmp_path / 'onboard_executive.jsonl').symlink_to('/dev/zero')
+    parameters = ExecutiveParameters(
+        peers=(), journal_directory=str(tmp_path), event_log_directory=str(tmp_path), heartbeat_period=60.0
+    )
+    with contextlib.closing(NodeRuntime('onboard_executive', args=())) as runtime:
+        faults: list[BaseException] = []
+        runtime.on_fault(faults.append)
+        with pytest.raises(OnboardError, match='it is a pipe or device'):
+            open_executive(runtime, parameters, BehaviorLibrary(()))
+        runtime.call(lambda: None)  # what was asked for before has been done
+        assert faults == []
