@@ -342,5 +342,5 @@ def test_a_world_file_is_read_as_the_simulator_reads_it(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DockError, match='Is a directory'):
+    with pytest.raises(DockError, match='it is a directory'):
         load_docks(tmp_path)

@@ -111,7 +111,7 @@ def test_what_is_no_graph_is_refused(tmp_path: Path, case: str) -> None:
     assert str(file) in str(raised.value)
 
 
-@pytest.mark.parametrize(('name', 'why'), [('missing', 'No such file'), ('.', 'Is a directory')])
+@pytest.mark.parametrize(('name', 'why'), [('missing', 'No such file'), ('.', 'it is a directory')])
 def test_a_file_that_is_none_is_refused(tmp_path: Path, name: str, why: str) -> None:
     with pytest.raises(GraphError, match=why):
         load_graph(tmp_path / name)

@@ -52,7 +52,7 @@ def test_a_thread_that_computes_lets_others_go_on_after_a_millisecond(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found, before = [], sys.getswitchinterval()
-    monkeypatch.setattr(executables, 'run_main', lambda _module: found.append(sys.getswitchinterval()))
+    monkeypatch.setattr(executables, 'run_main', lambda _module, **_options: found.append(sys.getswitchinterval()))
     try:
         getattr(executables, name)()
     finally:

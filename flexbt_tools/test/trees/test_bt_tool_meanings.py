@@ -3,21 +3,25 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
+from ament_index_python.packages import get_package_share_directory
 
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document
 from flexbt_tools.tree_checks import check_trees
 
-SOUND = next(one for one in STOCK_TREES if one.stem == 'navigate_to_pose_w_replanning_and_recovery').read_text('utf-8')
+TREES = Path(get_package_share_directory('flexbt_server')) / 'behavior_trees'
+SOUND = (TREES / 'navigate_to_pose.xml').read_text('utf-8')
 
 
 def crossed(folder: Path, text: str) -> list[str]:
     """The messages of the rule."""
     file = folder / 'main.xml'
     file.write_text(text, encoding='utf-8')
+    shutil.copy(TREES / 'recoveries.xml', folder)
     found = check_trees([str(file)], node_registry(lambda source, error: None))
     return [one.place.message for one in found if one.rule.name == 'crossed']
 
