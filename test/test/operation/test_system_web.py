@@ -95,7 +95,7 @@ def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
             await page.until(lambda parts: 'nothing was sent' in page.told[-1])
             assert page.parts['decisions'][0]['id'] == judged['id']
             await socket.send_json({'answer': 'done', 'decision': judged['id']})
-            await page.until(lambda parts: parts['trees'][0]['leaves'] == ['FollowPath'])
+            await page.until(lambda parts: ['FollowPath'] in [tree['leaves'] for tree in parts['tree_states'].values()])
             x, y = page.parts['pose']['x'], page.parts['pose']['y']
             await page.until(lambda parts: abs(parts['pose']['x'] - x) + abs(parts['pose']['y'] - y) > 0.5)
             await socket.send_json({'obstacle': [x, y]})  # where it has been
