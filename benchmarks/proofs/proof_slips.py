@@ -348,7 +348,7 @@ def _exchanged(node: Node, labels: list[str], machine: MachineDefinition, chance
 
 
 def _autonomy(node: Node, labels: list[str], machine: MachineDefinition, chance: random.Random) -> Node | None:
-    """What needed an approval needs none."""
+    """Let what needed an approval go without one."""
     ways = [outcome for outcome, way in node.transitions.items() if way.autonomy >= Autonomy.Low]
     if not ways:
         return None

@@ -292,7 +292,7 @@ def _wrong_tree(machine: Node, label: str, chance: random.Random) -> bool:
 
 
 def _without_state(machine: Node, label: str, chance: random.Random) -> bool:
-    """What led to the state leads to where its first outcome led."""
+    """Leave a state out: what led to it leads to where its first outcome led."""
     states = machine['states']
     if len(states) < 2 or next(iter(states)) == label or not (ways := states[label].get('transitions')):
         return False
@@ -452,7 +452,7 @@ class OfTree:
         return ElementTree.tostring(root, encoding='unicode')
 
     def found(self, text: str) -> str:
-        """Who finds something wrong; '' for nobody."""
+        """Return the name of the tool that finds something wrong; '' for none."""
         if not self._known.issuperset(self._warnings(text)):
             return 'check'
         try:
@@ -462,7 +462,7 @@ class OfTree:
         return 'prove' if report.counterexamples else ''
 
     def is_alike(self, text: str) -> bool:
-        """Whether it does the same as the mission, followed to the end."""
+        """Return whether it does the same as the mission, followed to the end."""
         found = compare_trees(self._sound, self._library(text), limits=Limits(SECONDS)).comparison
         return found.is_same and found.is_complete
 
@@ -504,7 +504,7 @@ class OfMachine:
         return yaml.safe_dump(root, sort_keys=False)
 
     def found(self, text: str) -> str:
-        """Who finds something wrong; '' for nobody."""
+        """Return the name of the tool that finds something wrong; '' for none."""
         try:
             machine = read_machine(text, STATES)
         except MachineError:
@@ -521,7 +521,7 @@ class OfMachine:
         return 'prove' if any(report.counterexamples for report in proof.reports) else ''
 
     def is_alike(self, text: str) -> bool:
-        """Whether it does the same as the mission, followed to the end."""
+        """Return whether it does the same as the mission, followed to the end."""
         before, now = (
             Version(one, used_trees(one, (), _registry())) for one in (self._sound, read_machine(text, STATES))
         )

@@ -137,7 +137,7 @@ def parameters(node: Node) -> Attack:
 
 
 def settings(node: Node) -> Attack:
-    """What decides over files and addresses."""
+    """Set parameters that decide over files and addresses."""
     texts = {
         'allowed_directories': ['/'],
         'journal_directory': '/tmp',  # noqa: S108

@@ -215,7 +215,7 @@ async def _send(socket: ClientWebSocketResponse, reader: asyncio.StreamReader) -
 
 @contextlib.contextmanager
 def forging(*words: str) -> Iterator[None]:
-    """What is forged meanwhile; nothing without words."""
+    """Run :mod:`_forge` with these words meanwhile; nothing without words."""
     if not words:
         yield
         return

@@ -115,7 +115,7 @@ def placed(attributes: str, x: str, y: str, rest: str, content: str) -> Iterator
 
 
 def dots(sign: str) -> Iterator[tuple[float, float]]:
-    """Where the dots of a sign of braille are in its cell: two columns of four."""
+    """Return where the dots of a sign of braille are in its cell: two columns of four."""
     for bit, (column, row) in enumerate(((0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3))):
         if ord(sign) >> bit & 1:
             yield column * CELL_WIDTH / 2, row * CELL_HEIGHT / 4

@@ -89,21 +89,21 @@ class Servers:
 
     @property
     def are_late(self) -> bool:
-        """Whether the node of one of them is late: a server that cannot be reached may only hang."""
+        """Return whether the node of one of them is late: a server that cannot be reached may only hang."""
         return any(watch.late for watch in self._watches())
 
     @property
     def are_silent(self) -> bool:
-        """Whether one of them is not heard, late or gone, and is not known to have ended: it may come back."""
+        """Return whether one of them is not heard, late or gone, and is not known to have ended: it may come back."""
         return any(self.is_silent(end) for end in self.ends)
 
     def is_gone(self, end: ServerEnd) -> bool:
-        """Whether one of them is known to be gone."""
+        """Return whether one of them is known to be gone."""
         watch = self._nodes.watch(end.node)
         return watch is not None and watch.is_gone(end.writer)
 
     def is_silent(self, end: ServerEnd) -> bool:
-        """Whether one of them is not heard, and is not known to have ended."""
+        """Return whether one of them is not heard, and is not known to have ended."""
         watch = self._nodes.watch(end.node)
         return watch is not None and watch.silent and not watch.has_ended(end.writer)
 

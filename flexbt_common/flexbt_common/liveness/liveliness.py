@@ -446,11 +446,11 @@ class _SeenToken:
         return process is not None and process.has_ended()
 
     def knows(self, writer: bytes) -> bool:
-        """Whether the process of a writer has been heard."""
+        """Return whether the process of a writer has been heard."""
         return participant_of(writer) in self._processes
 
     def is_replaced(self, writer: bytes) -> bool:
-        """Whether the process of a writer was heard, and another one has taken its place."""
+        """Return whether the process of a writer was heard, and another one has taken its place."""
         process = self._processes.get(participant_of(writer))
         return process is not None and process in self._replaced
 

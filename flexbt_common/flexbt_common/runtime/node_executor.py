@@ -344,7 +344,7 @@ class NodeExecutor(OpenExecutor):
 
 
 def _waits_itself(subscription: Subscription) -> bool:
-    """Whether it has a wait set of its own, on the thread that has made it."""
+    """Return whether it has a wait set of its own, on the thread that has made it."""
     return getattr(subscription.callback, '__module__', '') == wait_for_message.__name__
 
 

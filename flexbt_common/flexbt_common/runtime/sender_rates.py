@@ -58,7 +58,7 @@ class Pace:
         self._rested_at = -math.inf
 
     def is_over(self) -> bool:
-        """Whether enough rest was taken."""
+        """Return whether enough rest was taken."""
         return self._runtime.steady.now() >= self._rested_at - self.BURST_SECONDS
 
     @contextlib.contextmanager

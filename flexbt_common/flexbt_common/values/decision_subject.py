@@ -83,7 +83,7 @@ def _is_message(value: Any) -> bool:
 
 
 def _parts(value: Any, room: int) -> int:
-    """How much of ``room`` is left by a value; below 0 when it has more elements and characters."""
+    """Return how much of ``room`` is left by a value; below 0 when it has more elements and characters."""
     if _is_message(value):
         return room - length_of(value)
     if isinstance(value, str | bytes | bytearray) or hasattr(value, 'itemsize'):

@@ -98,7 +98,7 @@ class View:
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
 
     def subject(self, decision: Decision) -> Subject | None:
-        """What a decision is about; None while that has not arrived, and when it is about nothing."""
+        """Return what a decision is about; None while that has not arrived, and when it is about nothing."""
         found = self.subjects.get(decision.id)
         return found if found is not None and found.number == decision.subject_number else None
 

@@ -124,20 +124,20 @@ def _title(run: TreeRun) -> str:
 
 
 def _is_of_now(run: TreeRun, node: TreeNode) -> bool:
-    """Whether a node runs, or has run within :data:`HELD_SECONDS`."""
+    """Return whether a node runs, or has run within :data:`HELD_SECONDS`."""
     if run.status(node.uid) is NodeStatus.RUNNING:
         return True
     return run.shown_status(node.uid) is not NodeStatus.IDLE and run.seconds(node.uid) < HELD_SECONDS
 
 
 def _acts(run: TreeRun, node: TreeNode) -> bool:
-    """Whether a node does what the tree does now: it is of now, no condition, and has not failed."""
+    """Return whether a node does what the tree does now: it is of now, no condition, and has not failed."""
     has_failed = run.status(node.uid) is NodeStatus.FAILURE
     return _is_of_now(run, node) and node.kind is not NodeKind.CONDITION and not has_failed
 
 
 def _is_structure(node: TreeNode) -> bool:
-    """Whether a node only holds others together: a control or decorator that has no name of its own."""
+    """Return whether a node only holds others together: a control or decorator that has no name of its own."""
     return node.kind in (NodeKind.CONTROL, NodeKind.DECORATOR) and node.name in ('', node.registration)
 
 

@@ -113,7 +113,7 @@ def autonomy_text(level: int) -> str:
 
 
 def where_lines(snapshot: Snapshot) -> list[str]:
-    """Where the robot is, and why that is not known: then nobody watches whether it moves."""
+    """Return where the robot is, and why that is not known: then nobody watches whether it moves."""
     pose, blind = snapshot.robot_pose, blind_text(snapshot)
     known = [pose_text(pose)] if pose is not None or not blind else []
     return [*known, *([Line(blind, Tone.WARNING)] if blind else [])]
@@ -229,7 +229,7 @@ def reason_lines(pending: Decision, view: View) -> list[str]:
 
 
 def subject_lines(pending: Decision, view: View) -> list[str]:
-    """What a pending decision is about, or that it was not received; and what of it is not shown."""
+    """Return what a pending decision is about, or that it was not received; and what of it is not shown."""
     if lacking := view.lacks(pending):
         return [Line(f'{one_line(lacking)} NOT RECEIVED: what you are asked about is not shown', Tone.ERROR)]
     subject = view.subject(pending)

@@ -38,7 +38,7 @@ class Described(System, Protocol):
         """What has begun to work in the last step, or was done at once: its path, and its type and inputs."""
 
     def asked(self) -> Mapping[str, tuple[str, ...]]:
-        """What has looked at the robot in the last step without any work: by its path, its type and inputs."""
+        """Return what has looked at the robot in the last step without any work: by its path, its type and inputs."""
 
     def handed_over(self) -> Mapping[str, str]:
         """Plain values that others find on the blackboard when it has ended by itself, by their keys."""
@@ -143,11 +143,11 @@ class _Seen(NamedTuple):
     handed_over: Mapping[str, str]
 
     def is_told_from(self, other: _Seen) -> bool:
-        """Whether it can be told which of both was seen."""
+        """Return whether it can be told which of both was seen."""
         return self[:5] != other[:5] or self.wrong.keys() != other.wrong.keys() or bool(self.differing(other))
 
     def differing(self, other: _Seen) -> frozenset[str]:
-        """What was asked with other inputs, and the keys that have other values after the end."""
+        """Return what was asked with other inputs, and the keys that have other values after the end."""
         asked = {name for name, parts in self.asked.items() if other.asked.get(name, parts) != parts}
         return frozenset(
             asked | {key for key, value in self.handed_over.items() if other.handed_over.get(key, value) != value}

@@ -116,7 +116,7 @@ class System(Protocol):
 
     @property
     def is_asking(self) -> bool:
-        """Whether a person is asked how to go on, who can do something else, too."""
+        """Return whether a person is asked how to go on, who can do something else, too."""
 
     def position(self) -> str:
         """Where it is, in words."""

@@ -141,7 +141,7 @@ def _is_unlimited(node: Any) -> bool:
 
 
 def _goes_on_for_ever(node: TreeNode) -> bool:
-    """Whether a node is there to begin its child again and again, until it fails or is stopped."""
+    """Return whether a node is there to begin its child again and again, until it fails or is stopped."""
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
 
 

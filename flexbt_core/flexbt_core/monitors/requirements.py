@@ -373,7 +373,7 @@ def _otherwise(one: IsA | Has, parts: Sequence[Part]) -> Iterator[str]:
 
 
 def _is_same(given: str, text: str) -> bool:
-    """Whether both texts say the same: numbers may be written in several ways."""
+    """Return whether both texts say the same: numbers may be written in several ways."""
     given = ' '.join(given.split())
     try:
         return given == text or float(given) == float(text)

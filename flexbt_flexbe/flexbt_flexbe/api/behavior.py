@@ -110,7 +110,7 @@ class Behavior:
         return [name for name in dir(self) if self.has_parameter(name)]
 
     def has_parameter(self, name: str) -> bool:
-        """Whether the behavior itself has a parameter of this name."""
+        """Return whether the behavior itself has a parameter of this name."""
         value = inspect.getattr_static(self, name, property())
         return not (name.startswith('_') or name in _OWN or callable(value) or isinstance(value, _NO_VALUES))
 

@@ -73,7 +73,7 @@ class Listeners:
         return calling_state() in self._states
 
     def has(self, state: EventState) -> bool:
-        """Whether a state is one of them."""
+        """Return whether a state is one of them."""
         return state in self._states
 
     def wake(self) -> None:

@@ -84,7 +84,7 @@ class InputRequests:
         ]
 
     def subjects(self) -> list[DecisionSubject]:
-        """What the open requests are about."""
+        """Return what the open requests are about."""
         return [request.subject for request in self._open.values() if request.subject is not None]
 
     def is_open(self, request_id: str) -> bool:
@@ -200,7 +200,7 @@ def _checked_type(goal: Any) -> str:
 
 
 def _checked_subject(id: str, given: DecisionSubject) -> DecisionSubject | None:
-    """What a request is about, under the name of the request; None when it is about nothing."""
+    """Return what a request is about, under the name of the request; None when it is about nothing."""
     size = sum(len(entry.text) + len(entry.data) for entry in given.entries)
     if size > SUBJECT_BYTES:
         raise CommandRefusedError(f'the subject has {size} bytes; at most {SUBJECT_BYTES} are shown with a request')

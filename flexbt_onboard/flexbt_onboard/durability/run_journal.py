@@ -64,7 +64,7 @@ class InterruptedRun:
 
     @property
     def is_paused(self) -> bool:
-        """Whether it was paused, and so is again when it is resumed."""
+        """Return whether it was paused, and so is again when it is resumed."""
         return bool(self._part('is_paused', False))
 
     @property

@@ -85,7 +85,7 @@ def status_of(
 
 
 def subjects_of(run: ShownRun, of_requests: Sequence[DecisionSubject]) -> DecisionSubjects:
-    """What the decisions of that status are about; the sender is for whoever sends it."""
+    """Return what the decisions of that status are about; the sender is for whoever sends it."""
     decisions = run.decisions if isinstance(run, RunSnapshot) else ()
     of_decisions = [decision.subject for decision in decisions if decision.subject is not None]
     return DecisionSubjects(subjects=[*of_decisions, *of_requests])

@@ -47,7 +47,7 @@ class ShownStatus:
 
     @property
     def message(self) -> ExecutiveStatus:
-        """What is shown, or is going to be shown first."""
+        """Return what is shown, or is going to be shown first."""
         return self._picture.status
 
     def show(self, publish: Callable[[], None]) -> None:

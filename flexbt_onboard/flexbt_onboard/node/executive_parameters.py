@@ -57,7 +57,7 @@ class ExecutiveParameters(MotionParameters):
 
     @property
     def expects_peers(self) -> bool:
-        """Whether somebody has named the peers: those of the default need not be parts of this robot."""
+        """Return whether somebody has named the peers: those of the default need not be parts of this robot."""
         return self.peers != ExecutiveParameters.peers
 
 

@@ -118,7 +118,7 @@ class StopGuard:
 
     @property
     def is_open(self) -> bool:
-        """Whether it waits for the executive to apply a STOP. From any thread."""
+        """Return whether it waits for the executive to apply a STOP. From any thread."""
         return bool(self._open)
 
     def _on_stop(self, stop: ExecutiveCommand, _writer: bytes) -> None:
@@ -184,7 +184,7 @@ class StopGuard:
         self._carry_out()
 
     def _carry_out(self) -> None:
-        """What was not answered is stopped by the guard, and the executive hears of it again and again."""
+        """Return what was not answered is stopped by the guard, and the executive hears of it again and again."""
         for stop_id in self._open:
             self._carried_out[stop_id] = None
         while len(self._carried_out) > _OPEN_STOPS:

@@ -83,7 +83,7 @@ class ServiceNode(LeafNode):
 
     @property
     def timeout(self) -> float:
-        """How long the service may take to appear, and then to answer, s of wall time."""
+        """Return how long the service may take to appear, and then to answer, s of wall time."""
         milliseconds = self.get_input_or('server_timeout', None)
         return self.host.server_timeout if milliseconds is None else float(milliseconds) / 1000.0
 
@@ -130,7 +130,7 @@ class ServiceNode(LeafNode):
         return status
 
     def result(self) -> NodeStatus:
-        """What the leaf gives for the answer; RUNNING while there is none."""
+        """Return what the leaf gives for the answer; RUNNING while there is none."""
         assert self._call is not None  # made by ask
         outcome = self._call.outcome
         if outcome is None:

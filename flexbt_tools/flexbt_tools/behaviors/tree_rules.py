@@ -57,7 +57,7 @@ def _words(name: str) -> list[str]:
 
 
 def _is_called_after(label: str, tree: str) -> bool:
-    """Whether one name is the beginning of the other: Recover of Recovery."""
+    """Return whether one name is the beginning of the other: Recover of Recovery."""
     one, other = (re.sub(r'[^a-z0-9]', '', name.lower()) for name in (label, tree))
     return min(len(one), len(other)) >= _LEAST and (one.startswith(other) or other.startswith(one))
 

@@ -125,7 +125,7 @@ def _wrong_cases(node: NodeDefinition) -> Iterator[tuple[NodeDefinition, str]]:
 
 
 def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[str]) -> str:
-    """How a key for an error is called after another type; '' when it is not."""
+    """Return how a key for an error is called after another type; '' when it is not."""
     match = _CODE.fullmatch(key)
     word = match[1].replace('_', '').casefold() if match else ''
     port = node.manifest.ports.get(name)
@@ -137,7 +137,7 @@ def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[s
 
 
 def _text_of_another(node: NodeDefinition, name: str, text: str, owners: Sequence[str]) -> str:
-    """How a text is that of another type, or contrary to the name of its node; '' when it is not."""
+    """Return how a text is that of another type, or contrary to the name of its node; '' when it is not."""
     port = node.manifest.ports.get(name)
     own = port.default if port is not None else NO_DEFAULT
     if len(owners) == 1 and node.manifest.id not in owners and own not in (NO_DEFAULT, text):

@@ -82,7 +82,7 @@ def is_stand_in(manifest: NodeManifest) -> bool:
 
 
 def is_of_unknown_kind(manifest: NodeManifest) -> bool:
-    """Whether a leaf is of a type of which no file says whether it is an action or a condition."""
+    """Return whether a leaf is of a type of which no file says whether it is an action or a condition."""
     kind = manifest.node_class
     return issubclass(kind, StandIn) and kind.is_guessed and manifest.kind is NodeKind.ACTION
 

@@ -44,7 +44,7 @@ class Key:
     asks: bool = False
 
     def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
-        """Whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
+        """Return whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
 
         ``has_answer``: there is something for Enter to send or to begin.
         """
@@ -55,12 +55,12 @@ class Key:
 
     @property
     def gives_command(self) -> bool:
-        """Whether it is refused to an observer."""
+        """Return whether it is refused to an observer."""
         return self.sends or self.action in ('stop', 'authority', 'note')
 
 
 def has_map(view: View) -> bool:
-    """Whether there is anything to draw on a map."""
+    """Return whether there is anything to draw on a map."""
     around, robot = view.drawn, view.snapshot.robot_pose if view.snapshot else None
     return bool(around.map or around.plan or around.driven or robot or view.places)
 

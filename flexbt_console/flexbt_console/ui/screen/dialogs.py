@@ -99,7 +99,7 @@ class ChoiceList(ModalScreen[int | None]):
             yield OptionList()
 
     def on_mount(self) -> None:
-        """What is typed is for the list."""
+        """Give what is typed to the list."""
         options = self.query_one(OptionList)
         options.can_focus = False
         options.set_options(self._options(''))  # given at once, the first would be marked
@@ -208,7 +208,7 @@ class FormField(Input):
 
     @property
     def is_changed(self) -> bool:
-        """Whether something else was filled in."""
+        """Return whether something else was filled in."""
         return self.value != self._default
 
     def words(self) -> list[str]:

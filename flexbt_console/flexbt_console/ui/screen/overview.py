@@ -69,7 +69,7 @@ class Overview(ModalScreen[str | None]):
         yield Pane()
 
     def on_mount(self) -> None:
-        """What is typed is for the list."""
+        """Give what is typed to the list."""
         self.set_focus(self.query_one(FindField))
 
     def on_pane_resized(self) -> None:

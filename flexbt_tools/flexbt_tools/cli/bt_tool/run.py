@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> ExitCode:
 
 
 def _default_context() -> AbstractContextManager[None]:
-    """What leaves that run themselves need for rclpy. Without ROS there are none that use it."""
+    """Return what leaves that run themselves need for rclpy. Without ROS there are none that use it."""
     try:
         from flexbt_common.runtime import offline_default_context
     except ModuleNotFoundError:

@@ -42,7 +42,7 @@ class MapPane:
 
     @property
     def is_aimed(self) -> bool:
-        """Whether there is a cursor that was moved or turned."""
+        """Return whether there is a cursor that was moved or turned."""
         return self._cursor is not None and self._is_aimed
 
     def point(self, view: View) -> bool:
@@ -85,7 +85,7 @@ class MapPane:
         return True
 
     def answer(self, view: View) -> tuple[str, Decision | None]:
-        """What the cursor says, and the decision that it answers, None when that is gone; takes the cursor away.
+        """Take the cursor away; return what it says, and the decision that it answers, None when that is gone.
 
         Raises:
             RefusedError: the cursor was neither moved nor turned.

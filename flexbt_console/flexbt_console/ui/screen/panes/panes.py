@@ -84,7 +84,7 @@ class Panes:
         return (*visible, 'log') if self._line.is_open and 'log' not in visible else visible
 
     def has_answer(self, view: View) -> bool:
-        """Whether Enter has something to send for the decision on the screen, or begins the line for a value."""
+        """Return whether Enter has something to send for the decision on the screen, or begins the line for a value."""
         if self.map.is_pointing:
             return self.map.is_aimed
         decision = view.decision
