@@ -34,7 +34,7 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
     reason of a failure stays to be seen. Where there is no room for all, controls and decorators without a name of
     their own are left out, and what is below nodes that have not run lately; then what has not run lately and has not
-    failed; and at last all that does not act.
+    failed, and ways that a condition keeps closed; and at last all that does not act.
     """
     if rows <= 0:
         return []
@@ -42,10 +42,11 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     if len(nodes) > rows - 1:
         nodes = _in_order(run, lambda node: _is_of_now(run, node), is_left_out=_is_structure)
     if len(nodes) > rows - 1:
+        closed = _closed_ways(run)
         nodes = [
             (node, depth)
             for node, depth in nodes
-            if _is_of_now(run, node) or run.status(node.uid) is NodeStatus.FAILURE
+            if node.uid not in closed and (_is_of_now(run, node) or run.status(node.uid) is NodeStatus.FAILURE)
         ]
     if len(nodes) > rows - 1:
         nodes = [(node, depth) for node, depth in nodes if _acts(run, node)]
@@ -128,6 +129,14 @@ def _is_of_now(run: TreeRun, node: TreeNode) -> bool:
     if run.status(node.uid) is NodeStatus.RUNNING:
         return True
     return run.shown_status(node.uid) is not NodeStatus.IDLE and run.seconds(node.uid) < HELD_SECONDS
+
+
+def _closed_ways(run: TreeRun) -> set[int]:
+    """Return the nodes that have failed by a condition while the tree goes on another way: no fault, and no news."""
+    if run.finished:
+        return set()
+    chains = chains_of_failures(run)
+    return {node.uid for leaf, *above in chains if leaf.kind is NodeKind.CONDITION for node in (leaf, *above)}
 
 
 def _acts(run: TreeRun, node: TreeNode) -> bool:

@@ -123,3 +123,28 @@ def test_what_only_structures_a_tree_takes_no_room_where_there_is_little() -> No
     assert names(run, 4) == ['BringCup (ReachGoal)', 'at cost 8 (ReactiveSequence)', 'PickUp']
     assert acting_lines(run) == ['PickUp  0 s  in at cost 8, BringCup']
     assert len(names(run, 20)) == 12  # where there is room, all of it
+
+
+def test_ways_that_a_condition_keeps_closed_take_no_room_where_there_is_little() -> None:
+    trees = Trees()
+    ways = [
+        node
+        for first in (2, 5, 8)
+        for node in (
+            TreeNode(first, 1, f'at cost {first}', 'ReactiveSequence', '', NodeKind.CONTROL),
+            TreeNode(first + 1, first, f'Holds{first}', 'Holds', kind=NodeKind.CONDITION),
+            TreeNode(first + 2, first, f'Work{first}', 'Work', kind=NodeKind.ACTION),
+        )
+    ]
+    structure(trees, 1, [TreeNode(1, 0, 'Plan', 'ReactiveFallback', '', NodeKind.CONTROL), *ways])
+    idle, failed = NodeStatus.IDLE, NodeStatus.FAILURE
+    statuses = [RUNNING, failed, failed, idle, failed, failed, idle, RUNNING, SUCCESS, RUNNING]
+    status(trees, 1, 1, statuses, *range(1, 11))
+    (run,) = trees.runs()
+    assert names(run, 6) == [
+        'Plan (ReactiveFallback)',
+        'at cost 8 (ReactiveSequence)',
+        'Holds8? (Holds)',
+        'Work8 (Work)',
+    ]
+    assert len(names(run, 20)) == 10  # where there is room, all of it
