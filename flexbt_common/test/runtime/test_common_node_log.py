@@ -30,7 +30,7 @@ def setup(runtime):
         library = logging.getLogger('library')
         library.warning('%d of them', 'two')
         library.error('a \x1b[31mred text')
-        for number in range(2_000):
+        for number in range(800):
             log.info(f'line {number} ' + 'x' * 80)
             print('printed', number)
         with open(sys.argv[1], 'w') as done:
