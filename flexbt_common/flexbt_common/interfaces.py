@@ -111,7 +111,7 @@ def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
 OF_NODES: Final[tuple[Interface, ...]] = (
     *_topics('/rosout', by=EVERY_NODE),
     *_topics('/parameter_events', by=EVERY_NODE, to=EVERY_NODE),
-    *_parameters('~', by=EVERY_NODE),
+    *_parameters('~', by=tuple(node for node in EVERY_NODE if node != STOP_GUARD)),  # which must not be kept busy
     *_services('~/get_type_description', by=EVERY_NODE),
     *_managed('~', by=tuple(sorted(MANAGED))),
     *(interface for node, parts in PARTS.items() for interface in _managed(*parts, by=(node,))),

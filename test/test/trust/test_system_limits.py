@@ -133,7 +133,7 @@ def bounded(stack: Stack, probe: Probe) -> Iterator[None]:
 
 @pytest.mark.parametrize('server', SERVERS)
 def test_goals_with_too_much_in_a_field_are_refused_by_its_name(runtime: NodeRuntime, server: str) -> None:
-    links = ActionLinks(runtime)
+    links = ActionLinks(runtime, DEADLINE)  # to unpack 10 MB takes a busy machine its time
     served = runtime.call(lambda: get_action_server_names_and_types_by_node(runtime.node, server, '/'))
     assert served
     for action, (type_name,) in served:
@@ -150,7 +150,7 @@ def test_goals_with_too_much_in_a_field_are_refused_by_its_name(runtime: NodeRun
 
 @pytest.mark.parametrize('server', NODES)
 def test_requests_with_too_much_in_a_field_are_answered(runtime: NodeRuntime, server: str) -> None:
-    links = ServiceLinks(runtime)
+    links = ServiceLinks(runtime, DEADLINE)
     served = runtime.call(lambda: runtime.node.get_service_names_and_types_by_node(server, '/'))
     for service, (type_name,) in served:
         of_rclpy = service.startswith(f'/{server}/') and type_name.startswith(('rcl_interfaces/', 'type_description_'))
