@@ -25,8 +25,6 @@ from flexbt_onboard.commands import Authority
 from flexbt_onboard.durability import InterruptedRun
 from flexbt_onboard.runs import ActiveLeaf, LastRun, RunDecision, RunPhase, RunSnapshot, ShownRun
 
-from .robot_pose import RobotPose
-
 _STATE_OF_PHASE: Final = {
     RunPhase.STARTING: ExecutiveStatus.STARTING,
     RunPhase.RUNNING: ExecutiveStatus.RUNNING,
@@ -40,7 +38,8 @@ def status_of(
     input_requests: Sequence[PendingDecision],
     results: Sequence[CommandResult],
     peers: Sequence[PeerStatus],
-    pose: RobotPose,
+    pose: PoseStamped,
+    pose_problem: str,
     authority: Authority,
     gone: Sequence[str],
     notice: str,
@@ -57,8 +56,8 @@ def status_of(
         decisions=list(input_requests),
         results=list(results),
         peers=list(peers),
-        robot_pose=pose.latest(),
-        pose_problem=pose.problem(),
+        robot_pose=pose,
+        pose_problem=pose_problem,
         authority=authority.holder,
         authority_requests=list(authority.requests),
     )

@@ -115,7 +115,7 @@ def test_a_parameter_that_a_state_does_not_take_is_told_with_the_line_it_comes_f
     assert done.err.splitlines() == [
         f"{coffee}:5: capability grind: OperatorDecisionState takes no parameter 'outcoms'; did you mean 'outcomes'?",
         f'{coffee}:14: deadline of capability brew: it is the parameter timeout of a state, and OperatorDecisionState '
-        'takes none (hint, outcomes, suggestion); leave the deadline out, or name a state that takes one',
+        'takes none (hint, outcomes, shows, suggestion); leave the deadline out, or name a state that takes one',
     ]
 
 

@@ -56,7 +56,7 @@ class Robot:
         self._snapshot = RunSnapshot(**{**vars(self._snapshot), **fields, 'is_stopping': self.run.is_ending})
         ended = self.run.outcome
         shown = self._snapshot if ended is None else LastRun(1, RUN, 'Test', ended)
-        status = status_of(shown, [], [], [], ExecutiveStatus().robot_pose, NOBODY, [], '')
+        status = status_of(shown, [], [], [], ExecutiveStatus().robot_pose, '', NOBODY, [], '')
         self._sent += 1
         status.executive_id, status.sequence = 'robot', self._sent
         return snapshot_record(status)
