@@ -78,7 +78,9 @@ def true(robot: Robot) -> tuple[object, ...]:
     run = robot.run
     if run.outcome is not None:
         return run.outcome, [], [], False
-    active = [(leaf.path, leaf.is_paused) for leaf in run.active_states()]
+    rests = [run.is_paused and not leaf.is_entered and leaf.halting() is None for leaf in run.active_states()]
+    active = [(leaf.path, leaf.is_paused or rest) for leaf, rest in zip(run.active_states(), rests, strict=True)]
+    active += [(path, True) for path in run.coming() if run.is_paused]  # they are entered when the run is resumed
     asked = sorted((one.path, one.outcome, one.id) for one in run.decisions)
     return None, active, asked, run.is_paused and not run.is_ending
 
