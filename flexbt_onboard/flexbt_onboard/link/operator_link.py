@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 from flexbt_common import names
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received, ReceivedMessages, SenderRates, writer_name
 from flexbt_common.values import LONG_TEXT, make_sendable
-from flexbt_core.values import Place, lines, one_line, sendable
+from flexbt_core.values import Place, one_line, sendable
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
@@ -40,9 +40,6 @@ PING_BYTES: Final = 1_000
 PING_RATE: Final = 50.0
 PING_BURST: Final = 100
 """Pings of one process that are echoed: a second, and at once."""
-
-_MOST_LINES: Final = 200
-"""Of a text, in the log of the node: a trace may be long."""
 
 
 class OperatorLink:
@@ -157,8 +154,7 @@ class OperatorLink:
                 self._log.publish(message)
         except InvalidHandle:
             return  # the executive has ended; a run was left behind
-        line = '\n    '.join(lines(f'{path}: {text}' if path else text, _MOST_LINES))
-        _log_to_node(self._runtime.node, severity, line)
+        _log_to_node(self._runtime.node, severity, f'{path}: {text}' if path else text)
 
 
 def _pose(place: Place) -> PoseStamped:
