@@ -81,7 +81,6 @@ CALL_SECONDS = 30.0
 """An executor that does not get to something in this time never will. To make the entities of a node can take many
 seconds when a whole fleet starts on one machine."""
 
-_TRACE_LINES = 200
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
@@ -396,9 +395,8 @@ class NodeRuntime:
         if held is None:
             return
         text = ''.join(traceback.format_exception(error)).rstrip()
-        shown = '\n'.join(lines(text, _TRACE_LINES))  # it may quote what others have written
         again = f' ({held} times more since this was reported)' if held else ''
-        self.node.get_logger().error(f'{where} raised{again}; the node goes on:\n{shown}')
+        self.node.get_logger().error(f'{where} raised{again}; the node goes on:\n{text}')
         for observer in self._on_fault:
             try:
                 observer(error)
