@@ -88,7 +88,7 @@ def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
             await page.until(lambda parts: parts['machine'])
             await socket.send_json({'answer': '10 2.3 0', 'decision': where['id']})
             judged = await page.until(lambda parts: parts['decisions'][0]['kind'] == 'choice' and parts['decisions'][0])
-            await page.until(lambda parts: len(parts['plan']) > 2)
+            await page.until(lambda parts: len(parts['plan']) > 2 and not parts['decisions'][0]['lacks'])
             leads = {choice['value']: choice['leads'] for choice in judged['choices']}
             assert leads['done'].endswith('FollowPath')
             await socket.send_json({'answer': '10 2.3 0', 'decision': where['id']})  # late: the one before
