@@ -6,12 +6,15 @@ A console that only commands does without: it is several times what the operator
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final
 
+from rclpy.event_handler import SubscriptionEventCallbacks
+
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.runtime import NodeRuntime, Pace, Received, ReceivedMessages
+from flexbt_common.runtime import NodeRuntime, Pace, Received, ReceivedMessages, writer_name
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_console.mirror import GridMap, Mirror, NodeKind, NodeStatus, StatusChange, TreeNode
 from flexbt_core.values import one_line
@@ -36,6 +39,9 @@ MESSAGE_BYTES: Final = 32_000_000
 STATUS_DEPTH: Final = 16
 TELL_SECONDS: Final = 10.0
 
+_SERVERS: Final = 16
+"""Participants that tell of trees, whose names are remembered."""
+
 
 class SurroundingsLink:
     """Feeds a mirror with trees, map, plan and scan of the robot in ``namespace``, by default the node's own.
@@ -52,6 +58,7 @@ class SurroundingsLink:
         self._scan_period = scan_period
         self._pace = Pace(runtime)
         self._subscriptions: list[Any] = []
+        self._servers: OrderedDict[bytes, str] = OrderedDict()  # the node that tells of trees, by its participant
         self._scan: ScanLink | None = None
         try:
             runtime.call(self._join)
@@ -81,7 +88,16 @@ class SurroundingsLink:
         ):
             name = names.of_robot(self._namespace, topic)
             read = self._reader(type, name, feed.receivers[topic])
-            messages = ReceivedMessages(self._node, type, name, qos, read, MESSAGE_BYTES, is_awaited=self._pace.is_over)
+            messages = ReceivedMessages(
+                self._node,
+                type,
+                name,
+                qos,
+                read,
+                MESSAGE_BYTES,
+                event_callbacks=SubscriptionEventCallbacks(matched=self._trees_matched) if type is TreeStatus else None,
+                is_awaited=self._pace.is_over,
+            )
             self._subscriptions.append(messages.subscription)
         if self._scan_period > 0.0:
             self._scan = ScanLink(
@@ -92,12 +108,28 @@ class SurroundingsLink:
         def read(received: Received) -> None:
             try:
                 with self._pace.work():
-                    receive(received.unpack(type))
+                    told_by = (self._server(topic, received.participant),) if type is TreeStatus else ()
+                    receive(received.unpack(type), *told_by)
             except (ValueError, LimitExceededError) as error:
                 text = f'{topic}: left aside: {one_line(str(error), TOLD_CHARACTERS)}'
                 self._node.get_logger().error(text, throttle_duration_sec=TELL_SECONDS)
 
         return read
+
+    def _server(self, topic: str, participant: bytes) -> str:
+        """Return the node of a participant that tells of trees; '' while it is not known."""
+        if participant not in self._servers:
+            name = writer_name(self._node, topic, participant)
+            if not name.startswith('/'):
+                return ''
+            self._servers[participant] = name
+            if len(self._servers) > _SERVERS:
+                self._servers.popitem(last=False)
+        return self._servers[participant]
+
+    def _trees_matched(self, event: Any) -> None:
+        if event.current_count == 0:
+            self._mirror.tree_servers_left()
 
 
 class SurroundingsFeed:
@@ -110,7 +142,7 @@ class SurroundingsFeed:
         self._mirror = mirror
         self.map_frame = MAP_FRAME
         """The frame of the map."""
-        self.receivers: dict[str, Callable[[Any], None]] = {
+        self.receivers: dict[str, Callable[..., None]] = {
             names.TREE_STRUCTURE: self._on_structure,
             names.TREE_STATUS: self._on_status,
             names.MAP: self._on_map,
@@ -138,7 +170,7 @@ class SurroundingsFeed:
             message.run_id, message.behavior_tree, nodes, seconds_of(message.stamp), message.number, left_out
         )
 
-    def _on_status(self, message: Any) -> None:
+    def _on_status(self, message: Any, server: str = '') -> None:
         check_limits(message)
         self._mirror.receive_tree_status(
             message.run_id,
@@ -149,6 +181,7 @@ class SurroundingsFeed:
             finished=message.finished,
             paused=message.paused,
             structure=message.structure,
+            server=server,
         )
 
     def _on_map(self, message: Any) -> None:

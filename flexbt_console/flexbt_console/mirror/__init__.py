@@ -46,10 +46,11 @@ from .records import (
 )
 from .standstill import StandstillWatch, UnwantedMotion
 from .surroundings import OCCUPIED, GridMap, Points, Surroundings
-from .trees import NodeKind, NodeStatus, StatusChange, TreeNode, TreeRun, Trees
+from .trees import GONE_SECONDS, NodeKind, NodeStatus, StatusChange, TreeNode, TreeRun, Trees
 from .view import View
 
 __all__ = [
+    'GONE_SECONDS',
     'LISTEN_SECONDS',
     'LIVENESS',
     'LIVE_PERIODS',

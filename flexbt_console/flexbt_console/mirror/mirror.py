@@ -154,6 +154,7 @@ class Mirror:
                 self._freshness.start_over()
             self._follow(snapshot)
             self._standstill.receive(snapshot)
+            self._trees.receive_peers(snapshot.executive_id, snapshot.peers, now)
             self._snapshot = snapshot
             self._reasons = None
             self._sent = None if transit is None else transit.sent
@@ -240,14 +241,32 @@ class Mirror:
         finished: bool,
         paused: bool,
         structure: int = 1,
+        server: str = '',
     ) -> None:
-        """Take what has happened in a run of a tree since the message before."""
+        """Take what has happened in a run of a tree since the message before; ``server``: who has sent it, '' if
+        unknown.
+        """
         with self._lock:
             is_newer = self._trees.receive_status(
-                run_id, sequence, statuses, changes, stamp, finished=finished, paused=paused, structure=structure
+                run_id,
+                sequence,
+                statuses,
+                changes,
+                stamp,
+                finished=finished,
+                paused=paused,
+                structure=structure,
+                server=server,
+                now=self._now(),
             )
         if is_newer:
             self._tell(Change.TREE)
+
+    def tree_servers_left(self) -> None:
+        """Take that the middleware says that nobody sends statuses of trees any more."""
+        with self._lock:
+            self._trees.servers_left(self._now())
+        self._tell(Change.TREE)
 
     def receive_map(self, map: GridMap) -> None:
         """Take the map."""
@@ -268,7 +287,7 @@ class Mirror:
     def forget_surroundings(self) -> None:
         """Trees, plan and scan are not heard any more: what they were is not shown later. The map stays as it is."""
         with self._lock:
-            self._trees = Trees()
+            self._trees.forget_runs()
         self._surround(plan=(), scan=())
 
     def _surround(self, **parts: Any) -> None:
@@ -381,7 +400,7 @@ class Mirror:
                 reasons=self._current_reasons(snapshot) if snapshot else {},
                 places={**self._own_places, **(self._places or {})},
                 has_places=self._places is not None,
-                trees=self._trees.runs(),
+                trees=self._trees.runs(now),
                 subjects=self._current_subjects(snapshot),
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,

@@ -3,14 +3,25 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final
 
+from .records import Peer
+
 REMEMBERED_TREES: Final = 8
 """Runs of trees that are remembered: those that go on, and the latest that have ended."""
+
+GONE_SECONDS: Final = 60.0
+"""How long a run is remembered whose server is gone."""
+
+BT_SERVER: Final = 'bt_server'
+"""Name of the node that runs trees, where a message does not tell it (flexbt_common.names)."""
+
+_UNKNOWN: Final = -math.inf
 
 
 class NodeStatus(IntEnum):
@@ -63,6 +74,9 @@ class TreeRun:
     ``last`` is how each node ended before: a halted node is IDLE, and what it had come to says why.
     ``structure`` is TreeStructure.number: a run may get other nodes, and has none while those are not known of which
     its statuses tell. ``left_out`` nodes behind these are not known: there are too many.
+    ``server`` is the node that runs it, '' if unknown. ``gone_at`` is when that was found to be gone, in seconds on the
+    reader's clock: statuses are the last that were heard. ``life`` is the life of the server in which the latest status
+    came: the executive that knew of it, and since when the server was alive for that; None when that life is over.
     """
 
     run_id: str
@@ -77,11 +91,19 @@ class TreeRun:
     paused: bool = False
     structure: int = 0
     left_out: int = 0
+    server: str = ''
+    life: tuple[str, float] | None = field(default=('', _UNKNOWN), compare=False)
+    gone_at: float | None = None
 
     @property
     def is_running(self) -> bool:
-        """Whether it has begun and not ended."""
-        return self.sequence > 0 and not self.finished
+        """Whether it has begun and not ended, and the node that runs it is not gone."""
+        return self.sequence > 0 and not self.finished and not self.server_gone
+
+    @property
+    def server_gone(self) -> bool:
+        """Return whether the node that ran it is gone, and has not told how it ended."""
+        return self.gone_at is not None
 
     def children(self, uid: int) -> tuple[TreeNode, ...]:
         """The children of a node, in their order; of 0, the root."""
@@ -107,6 +129,8 @@ class TreeRun:
     @property
     def running_leaves(self) -> tuple[int, ...]:
         """The leaves that act now; one below which a tree was made only while that does nothing."""
+        if self.server_gone:
+            return ()
         running = [node for node in self.nodes if self.status(node.uid) is NodeStatus.RUNNING]
         parents, busy = {node.parent for node in self.nodes}, {node.parent for node in running}
         return tuple(
@@ -117,10 +141,34 @@ class TreeRun:
 
 
 class Trees:
-    """The runs of trees, put together from structures and statuses that may be late, doubled or lost."""
+    """The runs of trees, put together from structures and statuses that may be late, doubled or lost.
+
+    A server that is killed does not say how its runs end, and the middleware misses it after its lease of 20 s. Its
+    executive knows sooner: see :meth:`receive_peers`.
+    """
 
     def __init__(self) -> None:
         self._runs: OrderedDict[str, TreeRun] = OrderedDict()
+        self._executive = ''
+        self._peers: dict[str, Peer] = {}
+
+    def forget_runs(self) -> None:
+        """Forget all runs: they are not heard any more."""
+        self._runs.clear()
+
+    def receive_peers(self, executive_id: str, peers: Sequence[Peer], now: float) -> None:
+        """Take what an executive knows of its peers. The runs of a server that is gone, or was replaced by another
+        process, do not go on.
+        """
+        self._executive, self._peers = executive_id, {peer.name: peer for peer in peers if peer.expected}
+        for run_id, run in self._runs.items():
+            self._runs[run_id] = self._judged(run, now)
+
+    def servers_left(self, now: float) -> None:
+        """Take that the middleware misses everybody who has told of trees."""
+        for run_id, run in self._runs.items():
+            if run.is_running:
+                self._runs[run_id] = replace(run, life=None, gone_at=now)
 
     def receive_structure(
         self, run_id: str, tree: str, nodes: Sequence[TreeNode], stamp: float, structure: int = 1, left_out: int = 0
@@ -143,8 +191,13 @@ class Trees:
         finished: bool,
         paused: bool,
         structure: int = 1,
+        server: str = '',
+        now: float = 0.0,
     ) -> bool:
-        """Take what has happened since the message before; False for one that is not newer than what is known."""
+        """Take what has happened since the message before; False for one that is not newer than what is known.
+
+        ``server`` is the node that has sent it, '' if unknown; ``now`` is in seconds on the reader's clock.
+        """
         known = self._runs.get(run_id, TreeRun(run_id, stamp=stamp))
         if sequence <= known.sequence or structure < known.structure:
             return False
@@ -157,30 +210,61 @@ class Trees:
                     last[change.uid - 1] = change.status
                 elif change.status is NodeStatus.RUNNING:
                     last[change.uid - 1] = NodeStatus.IDLE
-        self._keep(
-            replace(
-                known,
-                sequence=sequence,
-                statuses=tuple(statuses),
-                since=tuple(since),
-                last=tuple(last),
-                stamp=max(stamp, known.stamp),
-                finished=finished,
-                paused=paused,
-            )
+        run = replace(
+            known,
+            sequence=sequence,
+            statuses=tuple(statuses),
+            since=tuple(since),
+            last=tuple(last),
+            stamp=max(stamp, known.stamp),
+            finished=finished,
+            paused=paused,
+            server=server or known.server,
+            life=(self._executive, _UNKNOWN),  # it may be of a process of which the executive tells next
+            gone_at=None,
         )
+        peer = self._peer(run)
+        if peer is not None and not peer.alive and not finished:  # it is back, unless this was sent before it went
+            run = replace(run, life=None if stamp <= peer.since else ('', _UNKNOWN), gone_at=now)
+        self._keep(run)
         return True
 
-    def runs(self) -> tuple[TreeRun, ...]:
+    def runs(self, now: float = 0.0) -> tuple[TreeRun, ...]:
         """The runs whose nodes are known: those that go on first, then the others; the latest of each first."""
+        for run_id, run in list(self._runs.items()):
+            if run.gone_at is not None and now - run.gone_at > GONE_SECONDS:
+                del self._runs[run_id]
         known = [run for run in reversed(self._runs.values()) if run.nodes]
         return tuple(sorted(known, key=lambda run: not run.is_running))
 
     def _keep(self, run: TreeRun) -> None:
         self._runs[run.run_id] = run
         while len(self._runs) > REMEMBERED_TREES:
-            ended = next((run_id for run_id, known in self._runs.items() if known.finished), next(iter(self._runs)))
-            del self._runs[ended]
+            over = (run_id for run_id, known in self._runs.items() if known.finished or known.server_gone)
+            del self._runs[next(over, next(iter(self._runs)))]
+
+    def _peer(self, run: TreeRun) -> Peer | None:
+        """Return what the executive says of the node that runs it, if it knows that."""
+        if run.server:
+            return self._peers.get(run.server)
+        return next((peer for name, peer in self._peers.items() if name.rpartition('/')[2] == BT_SERVER), None)
+
+    def _judged(self, run: TreeRun, now: float) -> TreeRun:
+        """Return the run as it is by what the executive says of its server."""
+        peer = self._peer(run)
+        if run.sequence == 0 or run.finished or run.life is None or peer is None:
+            return run
+        executive, since = run.life
+        is_over = False
+        if executive == self._executive:  # another one does not know how it was before
+            # Whether the latest status was sent before the server came, or went.
+            is_before = run.stamp < peer.since if peer.alive else run.stamp <= peer.since
+            is_over = is_before if since == _UNKNOWN else not peer.alive or since != peer.since
+        if is_over:
+            return replace(run, life=None, gone_at=now if run.gone_at is None else run.gone_at)
+        if peer.alive:
+            return replace(run, life=(self._executive, peer.since), gone_at=None)
+        return replace(run, gone_at=now if run.gone_at is None else run.gone_at)
 
 
 def _of(run: TreeRun, structure: int, nodes: Sequence[TreeNode]) -> TreeRun:

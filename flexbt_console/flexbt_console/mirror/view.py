@@ -35,8 +35,8 @@ class View:
     not arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
     identifier of the decision, as far as it, or the state before it, has said so. ``places`` are those of the robot (of
     which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
-    ``trees`` are those that go on, and the latest that have ended; they and ``surroundings`` are known where somebody
-    asked for them.
+    ``trees`` are those that go on, and the latest that have ended or whose server is gone; they and ``surroundings``
+    are known where somebody asked for them.
     ``subjects`` is what decisions are about, by their identifiers, as it has arrived: see :meth:`subject`.
     ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard says.
     ``listening``: no executive was heard yet, and there was no time for it.
@@ -82,6 +82,11 @@ class View:
         now = self.snapshot.stamp if self.snapshot else 0.0
         running = [replace(run, stamp=max(run.stamp, now)) for run in self.trees if run.is_running]
         return [run for run_id in named if run_id for run in running if run.run_id == run_id] or running
+
+    @property
+    def drawn_trees(self) -> list[TreeRun]:
+        """Return the trees to draw: those that run; while none does, those whose server is gone, as they were last."""
+        return self.running_trees or [run for run in self.trees if run.server_gone]
 
     @property
     def decisions(self) -> tuple[Decision, ...]:

@@ -32,9 +32,9 @@ def tree_lines(run: TreeRun, columns: int, rows: int, signs: Glyphs) -> list[str
     """The tree in at most so many rows of so many cells: a title, then the nodes around those that act.
 
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
-    reason of a failure stays to be seen. Where there is no room for all, controls and decorators without a name of
-    their own are left out, and what is below nodes that have not run lately; then what has not run lately and has not
-    failed, and ways that a condition keeps closed; and at last all that does not act.
+    reason of a failure stays to be seen. All are dim when the server is gone. Where there is no room for all, controls
+    and decorators without a name of their own are left out, and what is below nodes that have not run lately; then what
+    has not run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act.
     """
     if rows <= 0:
         return []
@@ -119,9 +119,13 @@ def window(lines: list[str], marked: int, rows: int) -> list[str]:
 
 
 def _title(run: TreeRun) -> str:
-    state = 'paused' if run.paused else 'finished' if run.finished else 'running'
+    state, tone = 'finished' if run.finished else 'running', Tone.PLAIN
+    if run.paused:
+        state, tone = 'paused', Tone.WARNING
+    if run.server_gone:
+        state, tone = 'SERVER GONE: as it was last', Tone.ERROR
     left_out = f'  {run.left_out} more nodes left out' if run.left_out else ''
-    return Line(f'tree {one_line(run.tree)}  {state}{left_out}', Tone.WARNING if run.paused else Tone.PLAIN)
+    return Line(f'tree {one_line(run.tree)}  {state}{left_out}', tone)
 
 
 def _is_of_now(run: TreeRun, node: TreeNode) -> bool:
@@ -173,11 +177,13 @@ def _node_line(run: TreeRun, node: TreeNode, depth: int, signs: Glyphs) -> str:
     status = run.status(node.uid)
     shown = run.shown_status(node.uid)
     seconds = run.seconds(node.uid)
-    time = f'  {seconds:.0f} s' if status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS else ''
+    has_time = status is NodeStatus.RUNNING and seconds >= SHOWN_SECONDS and not run.server_gone
+    time = f'  {seconds:.0f} s' if has_time else ''
     name = one_line(node.name) + ('?' if node.kind is NodeKind.CONDITION else '')
     kind = f' ({one_line(node.registration)})' if node.registration not in (node.name, '') else ''
     word = f'  {shown.name}' if shown is NodeStatus.FAILURE else ''
     tone = _TONES[status] if status is not NodeStatus.IDLE else Tone.ERROR if shown is NodeStatus.FAILURE else Tone.DIM
+    tone = Tone.DIM if run.server_gone else tone
     return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}', tone)
 
 

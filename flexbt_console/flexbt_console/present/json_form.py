@@ -58,12 +58,14 @@ def structure_json(known: Structure) -> dict[str, Any]:
 
 def tree_json(run: TreeRun, failures: Sequence[Sequence[TreeNode]]) -> dict[str, Any]:
     """A run of a tree: of each node its status, how it had ended before (``last``), and for how long, s. ``failures``
-    are the identifiers of nodes that have failed, each with those that have failed by it."""
+    are the identifiers of nodes that have failed, each with those that have failed by it. With ``server_gone`` nothing
+    runs: the statuses are the last that were heard."""
     return {
         'run_id': run.run_id,
         'tree': run.tree,
         'nodes_left_out': run.left_out,
         'running': run.is_running,
+        'server_gone': run.server_gone,
         'paused': run.paused,
         'nodes': [
             {

@@ -124,6 +124,30 @@ def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_l
     assert f'{more} more nodes left out' in tree_lines(run, 80, 10, ASCII)[0]
 
 
+def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> None:
+    with station('wood') as operator:
+        operator.link.open_surroundings()
+        with NodeRuntime.open('my_server', namespace='wood') as server:
+            status = TreeStatus(run_id='t', structure=1, statuses=[TreeStatus.RUNNING])
+
+            def begin() -> Any:
+                nodes = [TreeNode(uid=1, name='n', registration='Sequence')]
+                structure = TreeStructure(run_id='t', number=1, behavior_tree='Main', nodes=nodes)
+                publisher = server.node.create_publisher(TreeStructure, names.TREE_STRUCTURE, names.latched())
+                publisher.publish(structure)
+                return server.node.create_publisher(TreeStatus, names.TREE_STATUS, names.latched())
+
+            statuses = server.call(begin)
+
+            def is_known() -> bool:
+                status.sequence += 1
+                statuses.publish(status)
+                return [run.server for run in operator.mirror.view().running_trees] == ['/wood/my_server']
+
+            wait_until(is_known, 'the run and the node that has it')
+        operator.wait(lambda view: not view.running_trees and [run.server_gone for run in view.drawn_trees] == [True])
+
+
 def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executives: Any) -> None:
     robot, free = executives('robot'), threading.Event()
     with NodeRuntime.open('console', namespace='/robot') as runtime:

@@ -59,6 +59,9 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
 NOT_SENT: Final[dict[Any, dict[str, str]]] = {
     mirror.StopGuard: {'is_silent': 'from the time when it was heard'},
     mirror.TreeRun: {
+        'gone_at': 'from what the executive says of the server',
+        'life': 'from what the executive says of the server',
+        'server': 'from who has sent the message',
         'last': 'from the changes of its statuses',
         'left_out': 'from the number of its nodes',
         'since': 'from the changes of its statuses',
@@ -264,10 +267,11 @@ def test_what_a_tree_tells_reaches_its_run() -> None:
     receive[names.TREE_STRUCTURE](structure)
     status = filled(msg.TreeStatus(), itertools.repeat(2))
     status.changes[0].uid = 1
-    receive[names.TREE_STATUS](status)
+    receive[names.TREE_STATUS](status, '/bt_server')
     (run,) = known.view().trees
     forgotten = [name for name, value in values(run) if value in (None, '', (), 0, False)]
-    assert forgotten == ['TreeNode.parent', 'TreeRun.left_out']  # all nodes are known
+    # All nodes are known, and the server is there.
+    assert forgotten == ['TreeNode.parent', 'TreeRun.left_out', 'TreeRun.gone_at']
 
 
 def test_the_places_of_the_robot_are_known_by_name() -> None:

@@ -6,11 +6,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+import pytest
+
 from flexbt_console.mirror import (
+    GONE_SECONDS,
     ActiveState,
     LinkState,
     NodeKind,
     NodeStatus,
+    Peer,
     Snapshot,
     StatusChange,
     TreeNode,
@@ -19,6 +23,7 @@ from flexbt_console.mirror import (
     View,
 )
 from flexbt_console.pictures import ASCII, acting_lines, tree_lines
+from flexbt_console.present import Tone, tone_of
 
 RUNNING, SUCCESS = NodeStatus.RUNNING, NodeStatus.SUCCESS
 TRUNK = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'reach', 'ReachGoal', kind=NodeKind.ACTION)]
@@ -148,3 +153,116 @@ def test_ways_that_a_condition_keeps_closed_take_no_room_where_there_is_little()
         'Work8 (Work)',
     ]
     assert len(names(run, 20)) == 10  # where there is room, all of it
+
+
+class Robot:
+    """A tree that runs, and what the executive says of its server; a second passes with each message."""
+
+    def __init__(self, server: str = '/bt_server') -> None:
+        self.trees = Trees()
+        self.now = 0.0
+        self._server = server
+        self._sequence = 0
+        structure(self.trees, 1, FIRST)
+
+    def tell(self, *, finished: bool = False, sent: float | None = None) -> None:
+        """Send a status, at once or at a time before."""
+        self.now += 1.0
+        self._sequence += 1
+        stamp = self.now if sent is None else sent
+        self.trees.receive_status(
+            'run',
+            self._sequence,
+            [RUNNING, RUNNING, SUCCESS],
+            [],
+            stamp,
+            finished=finished,
+            paused=False,
+            server=self._server,
+            now=self.now,
+        )
+
+    def says(self, *, alive: bool, since: float, executive: str = 'e', expected: bool = True) -> None:
+        """Send a snapshot."""
+        self.now += 1.0
+        peers = [Peer('/nav', True), Peer('/bt_server', alive, since, expected=expected)]
+        self.trees.receive_peers(executive, peers, self.now)
+
+    @property
+    def run(self) -> TreeRun:
+        (run,) = self.trees.runs(self.now)
+        return run
+
+    @property
+    def view(self) -> View:
+        return View(LinkState.LIVE, 0.0, trees=self.trees.runs(self.now))
+
+
+@pytest.mark.parametrize('server', ['/bt_server', ''])  # a recording does not tell who has sent it
+def test_a_tree_whose_server_is_gone_is_shown_as_it_was_and_does_not_run(server: str) -> None:
+    robot = Robot(server)
+    robot.tell()
+    robot.says(alive=True, since=0.0)
+    assert robot.run.is_running and robot.view.drawn_trees == robot.view.running_trees == [robot.run]
+    robot.says(alive=False, since=2.5)
+    assert not robot.run.is_running and not robot.view.running_trees and not acting_lines(robot.run)
+    (drawn,) = robot.view.drawn_trees
+    assert drawn.status(2) is RUNNING  # the last that was heard
+    title, *nodes = tree_lines(drawn, 80, 10, ASCII)
+    assert 'SERVER GONE' in title and 'running' not in title and {tone_of(line) for line in nodes} == {Tone.DIM}
+    robot.tell(sent=2.0)  # it was on its way when the server went
+    robot.says(alive=True, since=5.5)  # another process has its place, which does not know of it
+    assert not robot.run.is_running and robot.view.drawn_trees
+    robot.now += GONE_SECONDS
+    assert not robot.trees.runs(robot.now)
+
+
+def test_a_server_that_is_replaced_between_two_snapshots_has_lost_its_trees() -> None:
+    robot = Robot()
+    robot.tell()
+    robot.says(alive=True, since=0.0)
+    robot.tell()
+    robot.says(alive=True, since=0.0)
+    robot.says(alive=True, since=4.5)
+    assert robot.run.server_gone
+    robot.trees.receive_structure('next', 'Main', FIRST, 6.0)
+    running = [RUNNING, RUNNING, SUCCESS]
+    robot.trees.receive_status('next', 1, running, [], 6.0, finished=False, paused=False, server='/bt_server', now=6.0)
+    robot.says(alive=True, since=4.5)
+    assert [run.run_id for run in robot.view.drawn_trees] == ['next']  # and nothing of the one before
+
+
+def test_a_server_that_is_heard_again_runs_its_trees() -> None:
+    robot = Robot()
+    robot.tell()
+    robot.says(alive=True, since=0.0)
+    robot.says(alive=False, since=2.5)  # it hung for too long
+    robot.tell()
+    assert robot.run.server_gone  # until the executive hears it, too
+    robot.says(alive=True, since=4.5)
+    assert robot.run.is_running
+    robot.trees.servers_left(robot.now)  # the link was down for longer than the middleware waits
+    assert robot.run.server_gone
+    robot.says(alive=True, since=4.5)
+    assert robot.run.server_gone
+    robot.tell()
+    robot.says(alive=False, since=8.5)
+    robot.tell(finished=True)
+    assert robot.run.finished and not robot.run.server_gone
+
+
+def test_an_executive_that_is_restarted_ends_no_tree_and_one_that_does_not_watch_the_server_neither() -> None:
+    robot = Robot()
+    robot.tell()
+    robot.says(alive=True, since=0.0)
+    robot.says(alive=False, since=2.0, executive='f', expected=False)  # it has not seen it yet
+    assert robot.run.is_running
+    robot.says(alive=False, since=2.0, executive='f')  # nor has one whose peers somebody has named
+    robot.says(alive=True, since=4.0, executive='f')
+    assert robot.run.is_running
+    robot.says(alive=False, since=5.0, executive='f')
+    assert robot.run.server_gone
+    other = Robot('/trees')
+    other.tell()
+    other.says(alive=False, since=1.5)
+    assert other.run.is_running

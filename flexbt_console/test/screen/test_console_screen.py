@@ -29,6 +29,7 @@ from textual.widgets import Input
 from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offers
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import (
+    GONE_SECONDS,
     ActiveState,
     Behavior,
     BehaviorInput,
@@ -229,6 +230,14 @@ def test_everything_of_now_is_on_the_screen(size: tuple[int, int]) -> None:
                 assert text in shown, text
             assert '→ Ask' in shown  # what the answer leads to
             assert shown.count('→') > 1  # the robot, by its heading
+        robot.show(PLAN, peers=(Peer('bt_server', alive=False, since=6.0),))
+        await seen(robot, pilot)
+        shown = text_of(app)
+        if size[0] >= 80:
+            assert 'tree Drive  SERVER GONE' in shown and 'FollowPath' in shown and 'running' not in shown
+        robot.clock.advance(GONE_SECONDS)
+        await seen(robot, pilot)
+        assert 'tree Drive' not in text_of(app)
 
     on_screen(robot, look, size)
 

@@ -14,6 +14,8 @@ from rosgraph_msgs.msg import Clock
 
 from flexbt_common.names import CLOCK
 from flexbt_common.runtime import NodeRuntime
+from flexbt_console.link import OperatorLink
+from flexbt_console.mirror import Mirror
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.system.probe import Probe
@@ -52,6 +54,15 @@ def stack(system: tuple[Stack, Probe]) -> Stack:
     if 'onboard_executive' in ended:
         probe.wait(lambda: probe.status.executive_id != executive, 'another executive')
     return stack
+
+
+@pytest.fixture
+def console() -> Iterator[Mirror]:
+    """What an operator sees."""
+    with NodeRuntime.open('console') as runtime:
+        mirror = Mirror(runtime.steady)
+        OperatorLink(runtime, mirror, operator=None).open_surroundings()
+        yield mirror
 
 
 @pytest.fixture
@@ -114,13 +125,17 @@ def test_bad_times_on_clock_keep_no_stop_from_the_robot(bad: Time, stack: Stack,
 
 
 @pytest.mark.parametrize('victim', ['bt_server', 'navigation'])
-def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe: Probe) -> None:
+def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe: Probe, console: Mirror) -> None:
     probe.drive_to(*KITCHEN)
+    probe.wait(lambda: console.view().running_trees, 'the tree on a console')
     killed = stack.kill(victim)
     probe.wait(lambda: probe.peer_alive(victim) is False, f'{victim} shown as dead')
     probe.wait(lambda: probe.status.decisions, 'the state that drives has failed: the operator decides')
     assert uncontended_time() - killed < SEEN_AFTER_DEATH
     assert rest_after(probe, killed) < REST_AFTER_DEATH
+    probe.wait(lambda: not console.view().running_trees, 'no tree runs any more for a console')
+    assert uncontended_time() - killed < SEEN_AFTER_DEATH
+    assert [run.server_gone for run in console.view().drawn_trees] == [True] * (victim == 'bt_server')
     assert stack.running() == ROBOT - {victim}
     assert probe.status.state == ExecutiveStatus.RUNNING, 'the behavior goes on: what to do now is for the operator'
     stack.start(victim)

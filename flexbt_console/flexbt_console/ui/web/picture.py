@@ -113,8 +113,8 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'active': _active(view),
         'decisions': [_decision(decision, view) for decision in view.decisions[:MOST_LISTED]],
         'machine': _machine(view),
-        'trees': [_tree(run) for run in view.running_trees],
-        'tree_states': {run.run_id: _tree_state(run) for run in view.running_trees},
+        'trees': [_tree(run) for run in view.drawn_trees],
+        'tree_states': {run.run_id: _tree_state(run) for run in view.drawn_trees},
         'left_out': left_out_lines(view),
         'pose': _pose(view),
         'where': _where(view),
@@ -216,6 +216,7 @@ def _tree_state(run: TreeRun) -> dict[str, Any]:
     nodes = run.nodes[:MOST_LISTED]
     return {
         'paused': run.paused,
+        'server_gone': run.server_gone,
         'statuses': [run.status(node.uid).name.lower() for node in nodes],
         'last': [run.last_end(node.uid).name.lower() for node in nodes],
         'leaves': _node_names([run.nodes[uid - 1] for uid in run.running_leaves]),
@@ -232,7 +233,7 @@ def left_out_lines(view: View) -> list[str]:
     counts = {
         **{
             f'nodes of tree {one_line(run.tree, NODE_CHARACTERS)}': len(run.nodes) + run.left_out
-            for run in view.running_trees
+            for run in view.drawn_trees
         },
         'states': len(structure.states) if structure else 0,
         'active states': len(snapshot.active_states) if snapshot else 0,
@@ -431,7 +432,7 @@ class Pictures:
             encode_json(times_part(view)),
             self._log,
             self._map[1],
-            [*wanted, *(tree_drawing(run) for run in view.running_trees)],
+            [*wanted, *(tree_drawing(run) for run in view.drawn_trees)],
         )
 
 

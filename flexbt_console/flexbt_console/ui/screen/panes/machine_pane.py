@@ -63,7 +63,7 @@ class MachinePane:
 
     def _all(self, view: View, columns: int, rows: int) -> list[str]:
         lines = machine_lines(view, columns, sys.maxsize, self._signs) if view.running else []
-        for run in view.running_trees:
+        for run in view.drawn_trees:
             lines += tree_lines(run, columns, sys.maxsize, self._signs)
         self._from = min(self._from or 0, max(0, len(lines) - self._page))
         left = len(lines) - self._from - self._page
@@ -71,14 +71,14 @@ class MachinePane:
         return [*lines[self._from :][: self._page], Line(cut(told, columns), Tone.DIM)]
 
     def _of_now(self, view: View, columns: int, rows: int) -> list[str]:
-        running = view.running_trees
+        trees = view.drawn_trees
         shown = machine_lines(view, columns, rows, self._signs) if view.running else []
-        room = max(4, rows // 2, rows - sum(len(run.nodes) + 1 for run in running))
+        room = max(4, rows // 2, rows - sum(len(run.nodes) + 1 for run in trees))
         if len(shown) > room:
             shown = machine_lines(view, columns, room, self._signs)
-        for number, run in enumerate(running):
+        for number, run in enumerate(trees):
             left = rows - len(shown)
-            shown += tree_lines(run, columns, left // (len(running) - number), self._signs)
+            shown += tree_lines(run, columns, left // (len(trees) - number), self._signs)
         return shown
 
 
