@@ -14,13 +14,13 @@ from .view import View
 
 
 class Urgency(IntEnum):
-    """What a robot needs of its operator, the most urgent first. DEGRADED: a node that it depends on is not there, late
-    or not ready; LATE is its own picture."""
+    """What a robot needs of its operator, the most urgent first. UNREACHABLE: it is not heard any more, or was never;
+    LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late or not ready."""
 
     ALARM = 0
     DECISION = 1
     FAILED = 2
-    SILENT = 3
+    UNREACHABLE = 3
     LATE = 4
     DEGRADED = 5
     RUNS = 6
@@ -41,23 +41,28 @@ class RobotOverview:
 
     @property
     def needs_operator(self) -> bool:
-        """Whether somebody has to do something."""
-        return self.urgency <= Urgency.SILENT
+        """Whether somebody has to do something: only what is heard says so."""
+        return self.urgency < Urgency.UNREACHABLE
+
+    @property
+    def is_unreachable(self) -> bool:
+        """Return whether it is not heard: nobody knows what it needs."""
+        return self.urgency is Urgency.UNREACHABLE
 
 
 def overview_of(name: str, view: View) -> RobotOverview:
     """What a robot needs, by its picture."""
     snapshot = view.snapshot
     if snapshot is None or view.link is LinkState.LOST:
-        return RobotOverview(name, view, Urgency.SILENT, view.age or 0.0)
+        return RobotOverview(name, view, Urgency.UNREACHABLE, view.age or 0.0)
     if view.unwanted_motion is not None:
         return RobotOverview(name, view, Urgency.ALARM, 0.0)
+    if not view.live:
+        return RobotOverview(name, view, Urgency.LATE, view.age or 0.0)
     if view.decision is not None:
         return RobotOverview(name, view, Urgency.DECISION, max(0.0, snapshot.stamp - view.decision.since))
     if not view.running and snapshot.outcome in ('error', 'failed'):
         return RobotOverview(name, view, Urgency.FAILED, 0.0)
-    if not view.live:
-        return RobotOverview(name, view, Urgency.LATE, view.age or 0.0)
     if snapshot.missed_peers:
         return RobotOverview(name, view, Urgency.DEGRADED, 0.0)
     return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)

@@ -67,7 +67,7 @@ _URGENCY_TONES: Final = {
     Urgency.ALARM: Tone.ERROR,
     Urgency.DECISION: Tone.DECISION,
     Urgency.FAILED: Tone.ERROR,
-    Urgency.SILENT: Tone.ERROR,
+    Urgency.UNREACHABLE: Tone.WARNING,
     Urgency.LATE: Tone.WARNING,
     Urgency.DEGRADED: Tone.WARNING,
     Urgency.IDLE: Tone.DIM,
@@ -379,23 +379,31 @@ def alarm_line(view: View) -> str:
 def robot_line(robot: RobotOverview) -> str:
     """A robot among several: what it needs and for how long, what runs, and where; and what it lacks."""
     view = robot.view
+    if robot.is_unreachable:
+        return Line(f'{one_line(robot.name):<12} {unreachable_text(view)}', _URGENCY_TONES[robot.urgency])
     words = {
         Urgency.ALARM: 'MOVES',
         Urgency.DECISION: 'waits',
         Urgency.FAILED: 'failed',
-        Urgency.SILENT: 'silent',
         Urgency.LATE: 'late',
         Urgency.DEGRADED: 'degraded',
     }
     word = words.get(robot.urgency, '')
     waited = age_text(robot.seconds) if robot.seconds else ''
-    runs = what_runs(view) if view.snapshot is not None else 'nothing was heard of it'
     where = '  '.join(one_line(path) for path in view.active_paths)
     asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
     missed = '; '.join(peer_line(peer) for peer in view.snapshot.missed_peers) if view.live and view.snapshot else ''
-    what = '  '.join(filter(None, (asked, runs, '' if asked else where, missed)))
+    what = '  '.join(filter(None, (asked, what_runs(view), '' if asked else where, missed)))
     text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
+
+
+def unreachable_text(view: View) -> str:
+    """Tell that a robot is not heard, for how long already, and what it did then."""
+    if view.age is None:
+        return 'unreachable: nothing was heard of it'
+    then = '  '.join(filter(None, (what_runs(view), *map(one_line, view.active_paths))))
+    return f'unreachable: last heard {view.age:.0f} s ago; {alarm_line(view) or f"then {then}"}'
 
 
 def left_out_text(count: int, option: str = '--namespace') -> list[str]:

@@ -26,6 +26,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_console.present import robot_line
 from flexbt_console.ui.line import robots
+from flexbt_console.ui.screen.panes.status_lines import others_text
 from flexbt_core.clock import ManualClock, SteadyClock
 
 ASKED = Decision('d', DecisionKind.TRANSITION, '/Drive', 'done', ('done',), 2, since=100.0)
@@ -43,24 +44,46 @@ def test_who_has_waited_longest_for_a_decision_comes_first_and_the_idle_last() -
         'asks': dataclasses.replace(RUNS, decisions=(ASKED,)),
         'asks longer': dataclasses.replace(RUNS, decisions=(dataclasses.replace(ASKED, since=70.0),)),
     }
-    names = [*shown, 'silent', 'never heard']
+    names = [*shown, 'gone', 'never heard']
     random.Random(1).shuffle(names)
     fleet = Fleet()
     mirrors = {name: Mirror(clock) for name in names}
     for name, mirror in mirrors.items():
         fleet.add(name, mirror)
-    mirrors['silent'].receive_snapshot(RUNS)
+    mirrors['gone'].receive_snapshot(dataclasses.replace(RUNS, decisions=(ASKED,)))
     clock.advance(30.0)
     for name, snapshot in shown.items():
         mirrors[name].receive_snapshot(snapshot)
         mirrors[name].receive_snapshot(dataclasses.replace(snapshot, sequence=2))
-    expected = ['asks longer', 'asks', 'failed', 'silent', 'never heard', 'alone', 'unready', 'runs', 'idle']
+    expected = ['asks longer', 'asks', 'failed', 'gone', 'never heard', 'alone', 'unready', 'runs', 'idle']
     overview = fleet.overview()
     assert [robot.name for robot in overview] == expected
     assert [robot.seconds for robot in overview] == [60.0, 30.0, 0.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert overview[0].urgency is Urgency.DECISION
     (alone,) = (robot_line(robot) for robot in overview if robot.name == 'alone')
     assert 'degraded' in alone and 'late' not in alone and '/bt_server MISSING: start it' in alone
+    lines = [robot_line(robot).removeprefix(robot.name).strip() for robot in overview if robot.is_unreachable]
+    assert lines == [
+        'unreachable: last heard 30 s ago; then RUNNING  no behavior',
+        'unreachable: nothing was heard of it',
+    ]
+    assert others_text(overview, 'idle') == '3 others need you, 2 unreachable: o'
+
+
+def test_a_robot_that_misses_a_heartbeat_needs_nobody_any_more() -> None:
+    clock = ManualClock()
+    fleet, mirror = Fleet(), Mirror(clock)
+    fleet.add('/forged', mirror)
+    for sequence in (1, 2):
+        mirror.receive_snapshot(dataclasses.replace(RUNS, sequence=sequence, decisions=(ASKED,)))
+    (robot,) = fleet.overview()
+    assert robot.needs_operator
+    for seconds, urgency in ((1.6, Urgency.LATE), (5.1, Urgency.UNREACHABLE)):
+        clock.set(seconds)
+        (robot,) = fleet.overview()
+        assert (robot.urgency, robot.needs_operator) == (urgency, False)
+    mirror.receive_snapshot(dataclasses.replace(RUNS, sequence=3, decisions=(ASKED,)))
+    assert fleet.overview()[0].needs_operator
 
 
 def watch(snapshots: list[Snapshot]) -> list[bool]:
@@ -132,8 +155,8 @@ def test_a_robot_that_was_found_is_listed_when_it_is_heard(
     fleet.add('/never', Mirror(clock))
     monkeypatch.setattr(robots, 'HEAR_SECONDS', 0.0)
     robots.list_robots(fleet, clock, 60.0, as_json=True)
-    (silent,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
-    assert silent['urgency'] == 'silent'
+    (never,) = (one for one in json.loads(capsys.readouterr().out) if one['robot'] == '/never')
+    assert never['urgency'] == 'unreachable'
     clock.close()
 
 

@@ -33,7 +33,7 @@ def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
 
 
 def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
-    """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is silent.
+    """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is unreachable.
 
     Raises:
         NoLinkError: there is none.

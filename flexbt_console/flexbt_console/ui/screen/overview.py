@@ -98,8 +98,9 @@ class Overview(ModalScreen[str | None]):
         for field in self.query(FindField):  # not yet, or not any more, when it is drawn while it opens or closes
             robots, columns, rows = self._filter(), self.size.width, self.size.height
             needing = sum(one.needs_operator for one in self._robots())
+            unreachable = sum(one.is_unreachable for one in self._robots())
             left_out = ''.join(f'  {text}' for text in left_out_text(self._fleet.left_out))
-            head = f' robots: {len(robots)}  need you: {needing}{left_out}  (type to find)'
+            head = f' robots: {len(robots)}  need you: {needing}  unreachable: {unreachable}{left_out}  (type to find)'
             field.placeholder = cut(head, columns - 1)
             lines: list[str] = []
             place = 0

@@ -44,6 +44,7 @@ from flexbt_console.present import (
     robot_line,
     subject_lines,
     tone_of,
+    unreachable_text,
     what_runs,
     where_lines,
 )
@@ -301,7 +302,7 @@ def times_part(view: View) -> dict[str, Any]:
 
 
 def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """A line for each robot, for who watches several. It has nothing that time alone changes."""
+    """A line for each robot, for who watches several. Time alone changes only those that are not heard."""
     return [
         {
             'name': robot.name,
@@ -309,7 +310,7 @@ def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
             'urgency': robot.urgency.name.lower(),
             'needs_operator': robot.needs_operator,
             'tone': tone_of(robot_line(robot)).name.lower(),
-            'text': '  '.join([_needs(robot.view), *_missed(robot.view)]),
+            'text': _told(robot),
         }
         for robot in robots
     ]
@@ -326,12 +327,12 @@ def other_robots(name: str, view: View, robots: Iterable[RobotOverview]) -> list
     return shown
 
 
-def _needs(view: View) -> str:
-    return alarm_line(view) or _asked(view) or what_runs(view)
-
-
-def _missed(view: View) -> list[str]:
-    return [peer_line(peer) for peer in view.snapshot.missed_peers] if view.live and view.snapshot else []
+def _told(robot: RobotOverview) -> str:
+    view = robot.view
+    if robot.is_unreachable:
+        return unreachable_text(view)
+    missed = [peer_line(peer) for peer in view.snapshot.missed_peers] if view.live and view.snapshot else []
+    return '  '.join([alarm_line(view) or _asked(view) or what_runs(view), *missed])
 
 
 def _asked(view: View) -> str:

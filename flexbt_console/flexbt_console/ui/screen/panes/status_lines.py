@@ -61,10 +61,12 @@ def _with_end(text: str, end: str, columns: int) -> str:
 
 
 def others_text(robots: Sequence[RobotOverview], own: str) -> str:
-    """What the other robots need, in short; '' while none needs anything."""
-    needs = [one for one in robots if one.name != own and one.needs_operator]
-    who = '1 other needs' if len(needs) == 1 else f'{len(needs)} others need'
-    return f'{who} you: o' if needs else ''
+    """What the other robots need, in short, and how many of them are not heard; '' while there is neither."""
+    others = [one for one in robots if one.name != own]
+    needing, unreachable = sum(one.needs_operator for one in others), sum(one.is_unreachable for one in others)
+    told = [f'{needing} other{" needs" if needing == 1 else "s need"} you'] if needing else []
+    told += [f'{unreachable} unreachable'] if unreachable else []
+    return f'{", ".join(told)}: o' if told else ''
 
 
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:

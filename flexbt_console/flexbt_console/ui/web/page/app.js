@@ -194,14 +194,15 @@ function drawRobots() {
   }
   // A line stays what it is while it is clicked; the focus stays at its robot when the order changes.
   const needing = known.robots.filter((robot) => robot.needs_operator).length;
-  const told = [`robots: ${known.robots.length}, need you: ${needing}`, ...known.robots_left_out].join(', ');
+  const unreachable = known.robots.filter((robot) => robot.urgency === 'unreachable').length;
+  const told = [`robots: ${known.robots.length}, need you: ${needing}`, ...(unreachable ? [`unreachable: ${unreachable}`] : []), ...known.robots_left_out].join(', ');
   if (byId('robots-told').textContent !== told) byId('robots-told').textContent = told;
   const list = byId('robots');
   const lines = new Map([...list.children].map((line) => [line.firstElementChild.dataset.robot, line]));
   const shown = known.robots.map((robot) => {
     const line = lines.get(robot.name) ?? robotLine(robot.name);
     const button = line.firstElementChild;
-    const text = `${{alarm: '! ', decision: '? ', failed: '✗ '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'live' ? '' : `${robot.link} `}${robot.text}`;
+    const text = `${{alarm: '! ', decision: '? ', failed: '✗ '}[robot.urgency] ?? (robot.link === 'live' ? '' : '✗ ')}${robot.name}: ${robot.link === 'stale' ? 'stale ' : ''}${robot.text}`;
     if (button.textContent !== text) button.textContent = text;
     button.className = robot.tone;
     button.setAttribute('aria-pressed', String(robot.name === known.robot));
