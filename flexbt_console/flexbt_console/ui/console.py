@@ -390,8 +390,12 @@ def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, Pose]:
 
 
 def operator_name(line: CommandLine) -> str:
-    """Who gives the commands: the option, the environment, or user@host; of the page user@host/page, since the same
-    person may have the screen beside it, and a name is that of one console."""
+    """Return who gives the commands: the option, the environment, or user@host/place.
+
+    The executive takes commands under one name from one console at a time, and one person may have several open on one
+    computer. So the place tells them apart: ``page`` (of another port than the usual one ``page8466``), the terminal as
+    in ``pts3``, or ``web`` and the process of a screen in a browser. A script without a terminal has none.
+    """
     given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')
     if given:
         return given
@@ -402,8 +406,19 @@ def operator_name(line: CommandLine) -> str:
         user = getpass.getuser()
     except (KeyError, OSError):
         user = str(os.getuid())
-    page = '/page' if line.spec is not None and line.spec.action is Mode.WEB else ''
-    return f'{user}@{socket.gethostname()}{page}'
+    return '/'.join(filter(None, (f'{user}@{socket.gethostname()}', _place(line))))
+
+
+def _place(line: CommandLine) -> str:
+    if line.spec is not None and line.spec.action is Mode.WEB:
+        port = _port(line)
+        return 'page' if port == DEFAULT_PORT else f'page{port or os.getpid()}'
+    if _is_served():
+        return f'web{os.getpid()}'
+    for descriptor in range(3):
+        with contextlib.suppress(OSError):
+            return os.ttyname(descriptor).removeprefix('/dev/').replace('/', '')
+    return ''
 
 
 def _report(words: list[str], line: CommandLine | None, exit_code: ExitCode, reason: str) -> int:

@@ -41,11 +41,26 @@ def test_an_output_that_does_not_fit_onto_its_disk_is_told(
     assert capfd.readouterr().err == 'console: the output is not whole: No space left on device\n'
 
 
-def test_screen_and_page_of_the_same_person_have_names_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_consoles_of_the_same_person_have_names_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    def names_at(terminal: str | None, *lines: str) -> list[str]:
+        def ttyname(_descriptor: int) -> str:
+            if terminal is None:
+                raise OSError
+            return terminal
+
+        monkeypatch.setattr(os, 'ttyname', ttyname)
+        return [operator_name(parse(line.split())) for line in lines]
+
     monkeypatch.delenv('FLEXBT_OPERATOR', raising=False)
-    screen, page, status = (operator_name(parse([word])) for word in ('screen', 'web', 'status'))
-    assert (page, status) == (f'{screen}/page', screen) and '@' in screen
-    assert operator_name(parse(['web', '--operator', 'ann'])) == 'ann'
+    (script,) = names_at(None, 'start Drive')
+    assert '@' in script
+    # What is typed in a terminal one after the other is of one operator.
+    assert names_at('/dev/pts/3', 'screen', 'claim', 'start Drive') == [f'{script}/pts3'] * 3
+    assert names_at('/dev/pts/12', 'screen') == [f'{script}/pts12']
+    assert names_at('/dev/pts/3', 'web', 'web --port 8466') == [f'{script}/page', f'{script}/page8466']
+    assert names_at('/dev/pts/3', 'web --operator ann', 'screen --operator bob') == ['ann', 'bob']
+    monkeypatch.setenv('TEXTUAL_DRIVER', 'textual.drivers.web_driver:WebDriver')
+    assert names_at(None, 'screen') == [f'{script}/web{os.getpid()}']
 
 
 def test_what_lost_its_lock_to_a_signal_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
