@@ -397,7 +397,8 @@ class EventKind(IntEnum):
 class ExecutiveEvent:
     """A transition (``path`` was left by ``outcome`` to ``target``, for this ``reason``), or what became of a command.
 
-    ``command`` is the name of its kind, ``reason`` why it was refused, ``text`` a remark or why it was given.
+    ``command`` is the name of its kind, ``target`` the behavior, operator or level of autonomy that it is about,
+    ``reason`` why it was refused, ``text`` a remark or why it was given.
     """
 
     executive_id: str

@@ -419,7 +419,7 @@ def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
         target = f' -> {one_line(event.target)}' if event.target else ''  # none in a container that waits for others
         return Line(f'{stamp}{one_line(event.path)}: {way}{target}', Tone.DIM)
     text = f'"{event.text}"' if event.text else ''
-    what = ' '.join(filter(None, (event.command.lower(), event.path, event.outcome, text)))
+    what = ' '.join(filter(None, (event.command.lower(), event.target, event.path, event.outcome, text)))
     end = 'applied' if event.applied else f'refused: {event.reason}'
     told = one_line(f'{event.operator or "somebody"}: {what}: {end}')
     return Line(f'{stamp}{told}', Tone.PLAIN if event.applied else Tone.WARNING)

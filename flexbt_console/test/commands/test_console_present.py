@@ -32,6 +32,7 @@ from flexbt_console.present import (
     Tone,
     behavior_line,
     coloured,
+    event_line,
     has_colours,
     log_lines,
     progress_text,
@@ -216,6 +217,13 @@ def test_the_log_has_times_of_day_or_of_the_simulation() -> None:
     assert log_lines(line, with_time=True) == ['  12.3 s  WARN: /Drive: two', '    lines']
     day = time.mktime((2026, 1, 2, 3, 4, 5, 0, 0, -1))
     assert log_lines(replace(line, stamp=day), with_time=True)[0] == '03:04:05  WARN: /Drive: two'
+
+
+def test_a_command_of_another_operator_is_told_with_what_it_is_about() -> None:
+    event = ExecutiveEvent('e', 1, EventKind.COMMAND, operator='bob', command='START', target='Navigate')
+    assert event_line(event) == 'bob: start Navigate: applied'
+    refused = replace(event, command='AUTONOMY', target='2', path='/Drive', applied=False, reason='ann has it')
+    assert event_line(refused) == 'bob: autonomy 2 /Drive: refused: ann has it'
 
 
 class FakeTerminal(io.StringIO):

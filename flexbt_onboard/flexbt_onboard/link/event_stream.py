@@ -39,16 +39,22 @@ class EventStream:
         )
         self._lock = threading.Lock()
         self._waiting: deque[tuple[Time, str, Mapping[str, Any]]] = deque(maxlen=EVENTS_OF_MESSAGE)
+        self._run = self._behavior = ''  # the latest run
         self._count = 0
         self._is_planned = False
         self._next = 0.0
 
     def add(self, event: str, fields: Mapping[str, Any]) -> None:
         """Take an event of the event log; those that are neither transitions nor decided commands are none here."""
+        if event in ('started', 'resumed', 'switched'):
+            with self._lock:
+                self._run, self._behavior = str(fields['run']), str(fields['behavior'])
         if event != 'left' and not (event == 'command' and fields.get('effect') in ('applied', 'refused')):
             return
         stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
         with self._lock:
+            if event == 'command' and fields.get('run') == self._run and not fields.get('path'):
+                fields = {'of': self._behavior, **fields}
             self._count += 1
             self._waiting.append((stamp, event, fields))
             if self._is_planned:
@@ -88,6 +94,7 @@ def _message(stamp: Time, event: str, fields: Mapping[str, Any]) -> ExecutiveEve
         command=text('command') or f'kind {text("kind")}',
         applied=fields['effect'] == 'applied',
         reason=text('why'),
+        target=text('behavior') or text('grantee') or text('autonomy') or text('of'),
         text=text('text') or text('because'),
         **common,
     )

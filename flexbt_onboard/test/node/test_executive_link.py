@@ -274,6 +274,7 @@ def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_oper
             ('ann', 'NOTE', True),
             ('ann', 'FORCE', False),
         ]
+        assert [event.target for event in commands] == ['Test', '', '', '', 'Test', '']  # where no path tells it
         assert commands[-2].text == 'all is well' and 'not active' in commands[-1].reason
 
 
