@@ -28,6 +28,7 @@ from flexbt_common.runtime import (
     ParameterDeclarer,
     Received,
     ReceivedMessages,
+    RepeatedReports,
     SenderRates,
     run_node,
 )
@@ -86,6 +87,8 @@ class StopGuard:
         self._carried_out: OrderedDict[str, None] = OrderedDict()
         self._timer: Timer | None = None
         self._is_told_soon = False
+        self._reports = RepeatedReports(COMPLAINT_SECONDS, runtime.steady.now)
+        self._is_reported = False  # that it holds the robot now
         self._newest: Received | None = None  # status of the executive
         node = runtime.node
         self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.latched())
@@ -177,11 +180,17 @@ class StopGuard:
 
     def _hold(self) -> None:
         self._motion.hold()
+        self._carry_out()
+
+    def _report(self) -> None:
+        """Log once that it holds the robot; where answers to STOPs are late again and again, only now and then."""
+        if self._is_reported or self._reports.held_before('hold') is None:
+            return
+        self._is_reported = True
         who = self._latest.operator_id or 'nobody'
         self._runtime.node.get_logger().error(
             f'STOP of {who!r}: the executive has not answered. The stop guard keeps the robot at rest until it does'
         )
-        self._carry_out()
 
     def _carry_out(self) -> None:
         """Return what was not answered is stopped by the guard, and the executive hears of it again and again."""
@@ -190,6 +199,7 @@ class StopGuard:
         while len(self._carried_out) > _OPEN_STOPS:
             self._carried_out.popitem(last=False)
         self._is_told_soon = False
+        self._report()
         self._publish()
         self._repeat()
         self._plan(REPEAT_SECONDS)
@@ -211,7 +221,11 @@ class StopGuard:
         if self._motion.is_holding:
             self._motion.drop_cancels()
             self._motion.release()
-            self._runtime.node.get_logger().info('an executive has applied the STOP: the stop guard lets the robot go')
+            if self._is_reported:
+                self._is_reported = False
+                self._runtime.node.get_logger().info(
+                    'an executive has applied the STOP: the stop guard lets the robot go'
+                )
             self._publish()
 
     @property

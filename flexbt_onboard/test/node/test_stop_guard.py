@@ -143,6 +143,20 @@ def test_what_the_executive_answers_is_left_to_it(world: World, monkeypatch: pyt
     wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
 
 
+def test_stops_that_are_answered_late_again_and_again_are_logged_once(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stop_guard, 'COMPLAINT_SECONDS', 1e6)
+    world: World = request.getfixturevalue('world')
+    for _ in range(3):
+        stop_id = world.stop()
+        world.wait_holding(stop_id)
+        world.answer(stop_id)
+        wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+    logged = capfd.readouterr().err
+    assert logged.count('keeps the robot at rest') == logged.count('lets the robot go') == 1, logged
+
+
 def test_only_stops_stop(world: World) -> None:
     for kind in (ExecutiveCommand.NOTE, ExecutiveCommand.START, 200):
         world.stop(kind=kind)
