@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -22,9 +24,15 @@ class RobotPose:
         """The newest pose; its frame_id is empty while none has come."""
         return self._pose.message or PoseStamped()
 
-    def problem(self) -> str:
-        """Why the newest pose is not known, or may not be the present one; '' when somebody tells it."""
+    def problem(self, gone: Collection[str] = ()) -> str:
+        """Why the newest pose is not known, or may not be the present one; '' when somebody tells it.
+
+        Nodes that are ``gone`` tell nothing, though the middleware misses one that was killed only after its lease.
+        """
         is_told = self._node.count_publishers(self._topic) > 0
+        if is_told and gone:
+            publishers = self._node.get_publishers_info_by_topic(self._topic)
+            is_told = any(f'{one.node_namespace.rstrip("/")}/{one.node_name}' not in gone for one in publishers)
         if self._pose.message is None:
             return f'nothing came on {self._topic} yet' if is_told else f'nobody publishes {self._topic}'
         return '' if is_told else f'nobody publishes {self._topic} any more'

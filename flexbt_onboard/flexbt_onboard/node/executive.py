@@ -181,7 +181,7 @@ class Executive:
                 ledger.results(),
                 peers.statuses(),
                 pose.latest(),
-                pose.problem(),
+                pose.problem(peers.gone()),
                 self._authority,
                 peers.gone(),
                 '; '.join(filter(None, [self._admission.refusal, problems.text, self._clock.problem])),

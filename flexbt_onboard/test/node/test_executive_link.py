@@ -365,14 +365,19 @@ def test_a_node_that_was_named_is_expected_at_once(make_bench: Make) -> None:
 
 
 def test_why_the_pose_is_not_known_is_told(make_bench: Make) -> None:
-    bench = make_bench(parameters=ExecutiveParameters(peers=(), pose_topic='robot/pose'))
+    bench = make_bench(parameters=ExecutiveParameters(peers=('localization',), pose_topic='robot/pose'))
     assert bench.status.pose_problem == 'nobody publishes /robot/pose'
     with NodeRuntime.open('localization') as runtime:
+        token = LivelinessToken(runtime)
         publisher = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, 'robot/pose', 1))
         bench.wait_for(lambda status: status.pose_problem == 'nothing came on /robot/pose yet', 'a publisher')
         wait_until(publisher.get_subscription_count, 'subscribed')
         publisher.publish(PoseStamped())
         bench.wait_for(lambda status: status.pose_problem == '', 'known')
+        token.remove_name('/localization')  # it was killed, and the middleware has not missed its publisher yet
+        bench.wait_for(lambda status: status.pose_problem == 'nobody publishes /robot/pose any more', 'gone')
+        token.add_name('/localization')
+        bench.wait_for(lambda status: status.pose_problem == '', 'known again')
     bench.wait_for(lambda status: status.pose_problem == 'nobody publishes /robot/pose any more', 'old')
 
 

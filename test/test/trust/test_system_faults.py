@@ -190,6 +190,7 @@ def test_a_simulator_that_is_killed_while_driving(stack: Stack, probe: Probe) ->
     probe.drive_to(*KITCHEN)
     killed = stack.kill('simulator')
     probe.wait(lambda: probe.peer_alive('simulator') is False, 'simulator shown as dead')
+    probe.wait(lambda: 'any more' in probe.status.pose_problem, 'the pose shown as old')
     assert uncontended_time() - killed < SEEN_AFTER_DEATH
     # Simulated time stands still now, and yet no goal hangs and the operator's stop works.
     probe.wait(lambda: probe.active_goals('follow_path') == 0, 'the goal of the motion ended')
