@@ -30,8 +30,8 @@ class SimulatorLink:
 
     @property
     def dropped(self) -> tuple[tuple[str, float, float, float], ...]:
-        """Those that were dropped here: name, centre (m) and radius (m) of each."""
-        return tuple((name, *where) for name, where in list(self._dropped.items()))
+        """Those that were dropped here: name, centre (m) and radius (m) of each. None while the simulator is gone."""
+        return tuple((name, *where) for name, where in list(self._dropped.items())) if self._found else ()
 
     def is_possible(self) -> bool:
         """Whether there is a simulator, as it was some seconds ago at most. From any thread."""
@@ -80,5 +80,6 @@ class SimulatorLink:
         return outcome.response
 
     def _look(self) -> None:
-        known = self._runtime.node.get_service_names_and_types()
-        self._found = next((name for name, types in known if _SPAWN in types), '')
+        node = self._runtime.node
+        known = [name for name, types in node.get_service_names_and_types() if _SPAWN in types]  # with our own client
+        self._found = next((name for name in known if node.count_services(name) > 0), '')

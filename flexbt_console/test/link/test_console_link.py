@@ -30,6 +30,7 @@ from flexbt_console.link import (
     executive_sender,
     fleet_link,
     interface_problem,
+    simulator_link,
     surroundings_link,
 )
 from flexbt_console.link.synthesis_query import SynthesisQuery
@@ -281,7 +282,10 @@ def test_a_synthesis_ends_with_who_asked_for_it_and_with_the_console() -> None:
         wait_until(lambda: len({bytes(goal.goal_id.uuid) for goal in canceled}) == 2, 'the other cancel')
 
 
-def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more() -> None:
+def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(simulator_link, '_LOOK_SECONDS', 0.0)
     codes = SimulationResult
     answers = [codes.RESULT_OK, codes.RESULT_OPERATION_FAILED, codes.RESULT_NOT_FOUND]
     release = threading.Event()
@@ -295,7 +299,7 @@ def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more(
         response.result.result = answers.pop(0)
         return response
 
-    with NodeRuntime.open('simulator') as runtime, NodeRuntime.open('console') as console:
+    with NodeRuntime.open('console') as console, NodeRuntime.open('simulator') as runtime:
         for kind, name, answer in ((SpawnEntity, 'spawn_entity', spawn), (DeleteEntity, 'delete_entity', delete)):
             runtime.call(partial(runtime.node.create_service, kind, f'/simulator/{name}', answer))
         simulator = SimulatorLink(console)
@@ -309,6 +313,10 @@ def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more(
         assert simulator.dropped == ((name, 1.0, 2.0, 0.2),)
         simulator.remove(name, DEADLINE)  # it was gone already
         assert not simulator.dropped
+        simulator.drop(1.0, 2.0, DEADLINE)
+        assert simulator.dropped
+        runtime.close()
+        wait_until(lambda: not simulator.is_possible() and not simulator.dropped, 'nothing where no simulator is')
 
 
 class Station:
