@@ -43,6 +43,13 @@ _LENT: Final = 'node_executor.py'
 """Where the turn of an executor is made, which its thread holds whatever it calls: a callback may wait."""
 
 
+class _Held(threading.local):
+    """The locks that this thread holds, the last one taken at the end."""
+
+    def __init__(self) -> None:
+        self.locks: list[_Watched] = []
+
+
 class _Record:
     """What has been seen in this process."""
 
@@ -50,13 +57,6 @@ class _Record:
         self.lock = _REAL_LOCK()
         self.after: dict[str, dict[str, str]] = {}  # by place of a lock, those taken while it is held, and the stack
         self.problems: dict[tuple[str, ...], str] = {}
-        self.held = threading.local()
-
-    def held_here(self) -> list[_Watched]:
-        held: list[_Watched] | None = getattr(self.held, 'locks', None)
-        if held is None:
-            held = self.held.locks = []
-        return held
 
     def taken(self, held: list[_Watched], lock: _Watched) -> None:
         for other in held:
@@ -102,11 +102,12 @@ class _Record:
         return []
 
 
+_held = _Held()
 _record = _Record()
 
 
 class _Watched:
-    """A lock that remembers which thread holds it."""
+    """A lock that remembers which thread holds it. Each lock of ours is one in tests: to take it must cost little."""
 
     is_reentrant = False
 
@@ -116,7 +117,7 @@ class _Watched:
         self._holder: list[_Watched] = []
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        held = _record.held_here()
+        held = _held.locks
         if held and blocking and timeout < 0.0 and not (self.is_reentrant and self in held):
             if self in held:
                 text = f'{self.place} is taken by a thread that holds it:\n{_stack()}'
@@ -129,19 +130,20 @@ class _Watched:
         held.append(self)
         return True
 
-    def release(self) -> None:
-        with suppress(ValueError):
-            self._holder.remove(self)  # that of another thread, where a lock is handed on
+    def release(self, *_: object) -> None:
+        held = self._holder
+        if held is _held.locks and held and held[-1] is self:
+            held.pop()
+        else:
+            with suppress(ValueError):
+                held.remove(self)  # that of another thread, where a lock is handed on
         self._lock.release()
 
     def locked(self) -> bool:
         return bool(self._lock.locked())
 
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
+    __enter__ = acquire
+    __exit__ = release
 
 
 class _WatchedRLock(_Watched):
@@ -150,10 +152,10 @@ class _WatchedRLock(_Watched):
     # What a condition asks of its lock.
 
     def _is_owned(self) -> bool:
-        return self in _record.held_here()
+        return self in _held.locks
 
     def _release_save(self) -> int:
-        count = _record.held_here().count(self)
+        count = _held.locks.count(self)
         for _ in range(count):
             self.release()
         return count
@@ -236,7 +238,7 @@ def _join(self: threading.Thread, timeout: float | None = None) -> None:
 def _check_wait(own: Any, timeout: float | None) -> None:
     if timeout is not None and timeout < LONG_SECONDS:
         return
-    held = [one.place for one in _record.held_here() if one is not own and not one.place.startswith(_LENT)]
+    held = [one.place for one in _held.locks if one is not own and not one.place.startswith(_LENT)]
     if held:
         stack = _stack()
         if _STARTS_THREAD in stack:
