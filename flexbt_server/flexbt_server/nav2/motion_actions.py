@@ -15,7 +15,7 @@ from flexbt_common.calls import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
 from flexbt_common.values import duration_message
 from flexbt_core.behavior_tree import Blackboard, Example, NodeConfig, NodeStatus, PortError, input_port, output_port
-from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FLOAT, STRING
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, FAILURE, FLOAT, RUNNING, STRING, SUCCESS, Lasting
 from flexbt_core.skills import ConditionSensor, Predicate, Skill
 from flexbt_server.leaves import ACTION_PORTS, BASE, DURATION, PATH, ActionLeaf
 from flexbt_server.trees import RECOVERIES_KEY, TRACKING_FEEDBACK, TrackingFeedback
@@ -268,6 +268,7 @@ class Wait(RecoveryLeaf):
         'error_code_id': replace(ACTION_PORTS['error_code_id'], nav2_branch='main'),
         'wait_duration': input_port(DOUBLE, default='1.0', description='how long, s'),
     }
+    outcomes = Lasting((RUNNING, SUCCESS, FAILURE), 'wait_duration')
     example = Example('<Wait wait_duration="5.0"/>')
 
     def make_goal(self) -> Any:

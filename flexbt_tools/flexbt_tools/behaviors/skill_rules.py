@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether the states of a behavior keep to what their skills say, and leave each other their actuators."""
+"""Whether the states of a behavior keep to what their skills say, leave each other their actuators, and have the time
+that they need."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from typing import Final
 
 from flexbt_core.skills import LEVELS, Skill, SkillLibrary
-from flexbt_core.state_machine import MachineDefinition, StateDefinition, StateKind, state_skill
+from flexbt_core.state_machine import MachineDefinition, StateDefinition, StateKind, StateWrapper, state_skill
 from flexbt_core.values import hint, shown
-from flexbt_tools.tree_checks import SHARED_RESOURCE, tree_resources
+from flexbt_tools.tree_checks import SHARED_RESOURCE, TOO_SHORT, least_times, tree_resources
 
 from .findings import SKILL, Finding
 from .used_trees import UsedTrees
@@ -25,9 +27,11 @@ _NO_TIME: Final = (0.0, 0.0)
 def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibrary) -> Iterator[Finding]:
     """What is found. ``skills`` are those of the leaves, and those that files declare."""
     needs: dict[str, Users] = {}  # by path
-    of_trees = tree_resources(trees.library, skills)
+    lasting: dict[str, tuple[str, float]] = {}  # by path: the tree, and the least time until it succeeds
+    of_trees, times = tree_resources(trees.library, skills), least_times(trees.library)
     for use in trees.uses:
         if use.key is not None:
+            lasting[use.path] = f'its tree {use.key.id}', times[use.key]
             leaves = of_trees[use.key].items()
             needs[use.path] = {name: f'{use.path} ({leaf} in tree {use.key.id})' for name, leaf in leaves}
     nodes = list(machine.nodes())
@@ -36,6 +40,7 @@ def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibra
         if isinstance(node, StateDefinition):
             skill = known[node.path]
             yield from _outcomes(node, skill)
+            yield from _in_time(node, skill, *lasting.get(node.path, ('it', skill.duration[0])))
             if skill.duration != _NO_TIME:
                 needs[node.path] = {**needs.get(node.path, {}), **dict.fromkeys(skill.resources, node.path)}
             continue
@@ -49,6 +54,15 @@ def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibra
                 for name in one.keys() & other.keys():
                     message = f'{one[name]} and {other[name]} need [{name}] for themselves, and run at the same time'
                     yield Finding(SHARED_RESOURCE, node.path, message)
+
+
+def _in_time(node: StateDefinition, skill: Skill, what: str, least: float) -> Iterator[Finding]:
+    """A state that is given up before it can be done."""
+    limits = [node.state.time_limit] if isinstance(node.state, StateWrapper) else []
+    limit = min([*limits, skill.deadline if skill.deadline is not None else math.inf])
+    if limit < least < math.inf:
+        message = f'it can never be done: {what} takes {least:g} s, and it is given up after {limit:g} s'
+        yield Finding(TOO_SHORT, node.path, message)
 
 
 def _ways(machine: MachineDefinition, known: Mapping[str, Skill]) -> Iterator[Finding]:

@@ -84,6 +84,17 @@ def add_json(parser: argparse._ActionsContainer) -> None:
     parser.add_argument('--json', action='store_true', help='print JSON for programs')
 
 
+def add_inputs(parser: argparse.ArgumentParser) -> None:
+    """Keys that somebody else writes: ``options.input``."""
+    parser.add_argument(
+        '--input',
+        metavar='KEY',
+        action='append',
+        default=[],
+        help='a blackboard key that is written from outside; repeatable',
+    )
+
+
 def add_skills(parser: argparse.ArgumentParser) -> None:
     """Files of manifests: ``options.skills``."""
     parser.add_argument(

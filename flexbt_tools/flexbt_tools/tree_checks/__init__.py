@@ -8,14 +8,15 @@ from .diagnostics import (
     REFUSED,
     RULES,
     SHARED_RESOURCE,
+    TOO_SHORT,
     TYPE_CLASH,
     UNUSED_PORT,
     Diagnostic,
     Rule,
     Severity,
 )
-from .lint import HOST_KEYS, findings
-from .reachability import never_ticked
+from .lint import HOST_KEYS, findings, lost_write
+from .reachability import least_times, never_ticked, short_limits
 from .resources import Resources, tree_resources
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     'REFUSED',
     'RULES',
     'SHARED_RESOURCE',
+    'TOO_SHORT',
     'TYPE_CLASH',
     'UNUSED_PORT',
     'Diagnostic',
@@ -34,6 +36,9 @@ __all__ = [
     'check_trees',
     'findings',
     'joined',
+    'least_times',
+    'lost_write',
     'never_ticked',
+    'short_limits',
     'tree_resources',
 ]

@@ -12,7 +12,7 @@ from flexbt_core.values import one_line
 
 
 class Severity(Enum):
-    """How bad it is. Only errors keep the engine from running a tree."""
+    """How bad it is: an error is wrong in each run that comes to it, a warning may be meant."""
 
     ERROR = 'error'
     WARNING = 'warning'
@@ -30,9 +30,18 @@ class Rule:
 
 REFUSED: Final = Rule('refused', Severity.ERROR, 'the engine refuses it')
 ODDITY: Final = Rule('oddity', Severity.WARNING, 'the reader takes it, but it is not what it may look like')
-NEVER_WRITTEN: Final = Rule('never-written', Severity.WARNING, 'a key is read that nothing writes')
+NEVER_WRITTEN: Final = Rule(
+    'never-written', Severity.ERROR, 'a key is read that nothing writes, and that is no input of the tree'
+)
+UNDECLARED: Final = Rule(
+    'undeclared', Severity.WARNING, 'a key is read that nothing writes, in a tree that may be a sub-tree of other files'
+)
+LOST_WRITE: Final = Rule(
+    'lost-write', Severity.WARNING, 'a key is written that nothing reads, and who should read it reads another one'
+)
 NEVER_READ: Final = Rule('never-read', Severity.INFO, 'a key is written that nothing reads')
 UNREACHABLE: Final = Rule('unreachable', Severity.WARNING, 'a child is never ticked')
+TOO_SHORT: Final = Rule('too-short', Severity.WARNING, 'a time limit is over before what is in it can succeed')
 UNUSED_PORT: Final = Rule('unused-port', Severity.WARNING, 'a sub-tree is given a port that it does not use')
 TYPE_CLASH: Final = Rule('type-clash', Severity.WARNING, 'what is written to a key is not what is read from it')
 CROSSED: Final = Rule(
@@ -54,8 +63,11 @@ RULES: Final = (
     ODDITY,
     INCOMPLETE,
     NEVER_WRITTEN,
+    UNDECLARED,
+    LOST_WRITE,
     NEVER_READ,
     UNREACHABLE,
+    TOO_SHORT,
     UNUSED_PORT,
     TYPE_CLASH,
     CROSSED,

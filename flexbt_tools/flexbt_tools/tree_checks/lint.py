@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from typing import Final
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree import (
     Blackboard,
@@ -22,7 +22,9 @@ from flexbt_core.values import similar_names
 from flexbt_tools.trees import (
     EntryUsage,
     KeyUsage,
+    LostWrite,
     Place,
+    lost_writes,
     references,
     roots,
     sub_trees_first,
@@ -32,17 +34,20 @@ from flexbt_tools.trees import (
 
 from .diagnostics import (
     INCOMPLETE,
+    LOST_WRITE,
     NEVER_READ,
     NEVER_WRITTEN,
     ODDITY,
     REFUSED,
     TYPE_CLASH,
+    UNDECLARED,
     UNUSED_PORT,
     UNUSED_TREE,
     Diagnostic,
+    Rule,
 )
 from .meanings import crossed_keys
-from .reachability import incompleteness, unreachable_children
+from .reachability import incompleteness, short_limits, unreachable_children
 from .resources import shared_resources
 
 _NO_SKILLS: Final = SkillLibrary()
@@ -63,25 +68,47 @@ def findings(
         yield from (Diagnostic(ODDITY, warning) for warning in document.warnings)
     yield from _incomplete(library)
     yield from unreachable_children(library)
+    yield from short_limits(library)
     yield from shared_resources(library, skills)
     yield from _unused_trees(library)
     yield from _unused_ports(library)
     usage = KeyUsage(library)
     runs = roots(library)
+    mains = {TreeKey(one.file, one.main) for one in library.documents.values() if one.main and one.names_main}
+    mains -= used_trees(library)
+    boards: list[_Board] = []
     for group in [runs] if shared else [[key] for key in runs]:
-        board = Blackboard()
+        blackboard = Blackboard()
         usages: dict[Entry, EntryUsage] = {}
         errors: list[LoadError] = []
         for key in group:
             try:
-                usage.add(key, board, usages)
+                usage.add(key, blackboard, usages)
             except TreeLoadError as error:
                 errors += error.errors
         yield from (Diagnostic(REFUSED, error) for error in errors)
         if not errors:
             given = {*inputs, *HOST_KEYS, *(name for key in group for name in library.model(key.id))}
-            yield from _of_entries(list(usages.values()), board, given)
-            yield from crossed_keys(usages.values())
+            names = {entry: name for name in blackboard if (entry := blackboard.entry(name)) is not None}
+            boards.append(_Board(list(usages.values()), names, given, is_main=not mains.isdisjoint(group)))
+    lost: dict[Entry, list[LostWrite]] = {}
+    for one in lost_writes([usage for board in boards for usage in board.usages]):
+        lost.setdefault(one.entry, []).append(one)
+    for board in boards:
+        yield from _of_entries(board, lost)
+        yield from crossed_keys(board.usages)
+
+
+class _Board(NamedTuple):
+    """The entries of trees that run on one blackboard: their ``names`` there, and the keys ``given`` from outside.
+
+    ``is_main`` tells that a file names one of the trees as its main one: no other file hands it anything.
+    """
+
+    usages: Sequence[EntryUsage]
+    names: Mapping[Entry, str]
+    given: Collection[str]
+    is_main: bool
 
 
 def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
@@ -94,22 +121,36 @@ def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
                 yield Diagnostic(INCOMPLETE, tree.error(node, message))
 
 
-def _of_entries(usages: Sequence[EntryUsage], board: Blackboard, given: Collection[str]) -> Iterator[Diagnostic]:
-    """What is wrong with the entries of the trees that run on ``board``, where the keys ``given`` have values."""
-    inputs = {entry for key in given if (entry := board.entry(key)) is not None}
-    names = {entry: key for key in board if (entry := board.entry(key)) is not None}
-    written = {place.use.key for usage in usages for place in usage.writers}
-    for usage in usages:
-        if usage.readers and not usage.writers and not usage.given and usage.entry not in inputs:
-            yield _never_written(usage.readers, written, names.get(usage.entry))
-        if usage.writers and not usage.readers and not usage.may_be_read:
+def _of_entries(board: _Board, lost: Mapping[Entry, Sequence[LostWrite]]) -> Iterator[Diagnostic]:
+    """What is wrong with the entries of a blackboard."""
+    written = {place.use.key for usage in board.usages for place in usage.writers}
+    for usage in board.usages:
+        name = board.names.get(usage.entry)
+        if usage.readers and not usage.writers and not usage.given and name not in board.given:
+            rule = NEVER_WRITTEN if name is None or board.is_main else UNDECLARED
+            yield _never_written(rule, usage.readers[0], written, name)
+        if usage.writers and not usage.is_read:
             place = usage.writers[0]
-            yield Diagnostic(NEVER_READ, place.error(f'key [{place.use.key}] is written, and nothing reads it'))
+            is_for_others = name in board.given or place.use.key.startswith('@')
+            if usage.entry in lost and not is_for_others:
+                yield from map(lost_write, lost[usage.entry])
+            else:
+                yield Diagnostic(NEVER_READ, place.error(f'key [{place.use.key}] is written, and nothing reads it'))
         yield from _clashes(usage)
 
 
-def _never_written(readers: Sequence[Place], written: Collection[str], name: str | None) -> Diagnostic:
-    place = readers[0]
+def lost_write(one: LostWrite) -> Diagnostic:
+    """Return the finding for a value that does not get to who should read it."""
+    key, other = one.writer.use.key, one.reader.use.key
+    message = f'key [{key}] is written, and nothing reads it: {one.reader.node.label} after it reads '
+    if key == other:
+        message += f'the key of this name of another scope; hand it to the sub-tree: {key}="{{{key}}}"'
+    else:
+        message += f'[{other}], which is as it was before; is [{key}] meant there, or [{other}] here?'
+    return Diagnostic(LOST_WRITE, one.writer.error(message))
+
+
+def _never_written(rule: Rule, place: Place, written: Collection[str], name: str | None) -> Diagnostic:
     key = place.use.key
     similar = similar_names(key, written)
     if key in written and key.startswith('_'):
@@ -119,10 +160,10 @@ def _never_written(readers: Sequence[Place], written: Collection[str], name: str
     elif similar:
         hint = f'did you mean [{similar[0]}]?'
     elif name is not None:
-        hint = f'if the tree is given it, say --input {name}'
+        hint = f'if the tree is given it, declare it as an input_port in a TreeNodesModel, or say --input {name}'
     else:
         hint = 'hand it to the sub-tree'
-    return Diagnostic(NEVER_WRITTEN, place.error(f'key [{key}] is read, and nothing writes it; {hint}'))
+    return Diagnostic(rule, place.error(f'key [{key}] is read, and nothing writes it; {hint}'))
 
 
 def _clashes(usage: EntryUsage) -> Iterator[Diagnostic]:

@@ -1,17 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which children can never be ticked: from what the nodes before them can give."""
+"""Which children can never be ticked, from what the nodes before them can give, and what is never done in time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree import NodeDefinition, NodeKind, SyncAction, TreeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.engine import ControlNode
-from flexbt_core.behavior_tree.model import FAILURE, RUNNING, SKIPPED, SUCCESS, OneOf, Outcomes, Results
+from flexbt_core.behavior_tree.model import (
+    FAILURE,
+    RUNNING,
+    SKIPPED,
+    SUCCESS,
+    Earliest,
+    NodeStatus,
+    OneOf,
+    Outcomes,
+    Results,
+    TimeLimit,
+)
 from flexbt_tools.trees import sub_trees_first
 
-from .diagnostics import UNREACHABLE, Diagnostic
+from .diagnostics import TOO_SHORT, UNREACHABLE, Diagnostic
 
 _ANYTHING: Final = OneOf((SUCCESS, FAILURE, RUNNING, SKIPPED))
 _ANYTHING_AT_ONCE: Final = OneOf((SUCCESS, FAILURE, SKIPPED))
@@ -90,3 +102,88 @@ def incompleteness(node: NodeDefinition) -> str:
     """Why the node cannot be ticked with the children that it has; '' when it can."""
     node_class = node.manifest.node_class
     return node_class.incompleteness(len(node.children)) if issubclass(node_class, ControlNode) else ''
+
+
+# -- time --------------------------------------------------------------------------------------------------------------
+
+_LEAF: Final = OneOf((SUCCESS, FAILURE))
+"""A leaf of which nothing is known, for which a proof tries the same."""
+
+
+def least_times(library: TreeLibrary) -> dict[TreeKey, float]:
+    """Return the least time that each tree takes until it succeeds, s; infinity for one that never does."""
+    return {key: earliest[id(tree.root)].results.get(SUCCESS, math.inf) for key, tree, earliest in _times(library)}
+
+
+def short_limits(library: TreeLibrary) -> Iterator[Diagnostic]:
+    """Return a finding for each time limit that is over before what it is of can succeed, or a part of that begins."""
+    for _, tree, earliest in _times(library):
+        for node in tree.nodes():
+            rule = _rule(node)
+            if not isinstance(rule, TimeLimit):
+                continue
+            [child] = node.children
+            results = earliest[id(child)].results
+            limit = rule.limit(node.values, results)
+            success = results.get(SUCCESS, math.inf)
+            if limit is None or '_successIf' in node.conditions:
+                continue
+            if limit <= success < math.inf:
+                label, time = max(_waits(child, earliest), key=lambda one: one[1])
+                took = f'{label} takes {time:g} s' if time >= limit else f'what is in it takes {success:g} s at least'
+                message = f'it can never succeed: {took}, and is ended after {limit:g} s'
+                yield Diagnostic(TOO_SHORT, tree.error(node, message))
+                continue
+            for late, begin in _begins(child, 0.0, earliest):
+                if limit <= begin < math.inf:
+                    message = (
+                        f'it is never ticked: {node.label} ends after {limit:g} s, and what is before it takes '
+                        f'{begin:g} s'
+                    )
+                    yield Diagnostic(TOO_SHORT, tree.error(late, message))
+                    break
+
+
+def _times(library: TreeLibrary) -> Iterator[tuple[TreeKey, TreeDefinition, Mapping[int, Earliest]]]:
+    """All trees, and when what can happen in them at the earliest, by the ``id`` of each node."""
+    known: dict[TreeKey, Mapping[NodeStatus, float]] = {}
+    for key in sub_trees_first(library):
+        tree = library.definition(key)
+        earliest: dict[int, Earliest] = {}
+        for node in reversed(list(tree.nodes())):
+            target = library.find(node.tree_id, key.file) if node.tree_id is not None else None
+            if target is not None:
+                own = Earliest(known[target], ())
+            else:
+                is_leaf = node.manifest.kind in (NodeKind.ACTION, NodeKind.CONDITION)
+                rule = _LEAF if is_leaf and node.manifest.outcomes is None else _rule(node)
+                own = rule.earliest(node.values, [earliest[id(child)].results for child in node.children])
+            at_once = {result: 0.0 for attribute, result in _CONDITIONS.items() if attribute in node.conditions}
+            earliest[id(node)] = own._replace(results={**own.results, **at_once})
+        known[key] = earliest[id(tree.root)].results
+        yield key, tree, earliest
+
+
+def _waits(node: NodeDefinition, earliest: Mapping[int, Earliest]) -> Iterator[tuple[str, float]]:
+    """What takes time by itself, and how long: leaves and sub-trees until they succeed, others before they begin."""
+    own = earliest[id(node)]
+    if node.children:
+        yield node.label, own.begins[0]
+        for child in node.children:
+            yield from _waits(child, earliest)
+    else:
+        yield node.label, own.results.get(SUCCESS, 0.0)
+
+
+def _begins(
+    node: NodeDefinition, begin: float, earliest: Mapping[int, Earliest]
+) -> Iterator[tuple[NodeDefinition, float]]:
+    """The nodes in a node that begins then, and when they begin at the earliest; in the order of the file."""
+    ahead = [(node, begin)]
+    while ahead:
+        parent, begin = ahead.pop()
+        children = [
+            (child, begin + after) for child, after in zip(parent.children, earliest[id(parent)].begins, strict=True)
+        ]
+        yield from children
+        ahead += reversed(children)

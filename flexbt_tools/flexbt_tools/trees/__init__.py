@@ -3,7 +3,7 @@
 
 from .blackboard_file import BlackboardFile, json_types, save_blackboard
 from .files import BY_PACKAGE, STDIN, find_resource, read_library, read_models, shown_name
-from .key_usage import EntryUsage, KeyUsage, Place
+from .key_usage import EntryUsage, KeyUsage, LostWrite, Place, lost_writes
 from .keys import KeyUse, uses
 from .outline import PORTS, Item, drawn_nodes, find_tree, is_main, items_of
 from .schema import schema_lines
@@ -21,6 +21,7 @@ __all__ = [
     'Item',
     'KeyUsage',
     'KeyUse',
+    'LostWrite',
     'OpenRegistry',
     'Place',
     'add_models',
@@ -31,6 +32,7 @@ __all__ = [
     'is_stand_in',
     'items_of',
     'json_types',
+    'lost_writes',
     'read_library',
     'read_models',
     'references',

@@ -8,7 +8,8 @@ through remappings, defaults of models and ``@``, and which types clash.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import itertools
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -32,11 +33,12 @@ from .keys import KeyUse, uses
 
 
 class Place(NamedTuple):
-    """Where an entry is used."""
+    """Where an entry is used. ``number`` grows in the order of the nodes of the running tree, sub-trees included."""
 
     tree: TreeDefinition
     node: NodeDefinition
     use: KeyUse
+    number: int = 0
 
     def error(self, message: str) -> LoadError:
         return self.tree.error(self.node, message, self.use.attribute)
@@ -51,6 +53,11 @@ class EntryUsage:
     writers: list[Place] = field(default_factory=list)
     constants: list[tuple[Place, str]] = field(default_factory=list)
     may_be_read: bool = False
+
+    @property
+    def is_read(self) -> bool:
+        """Whether something reads it, or may: a node takes an entry of this name for a port that is not given."""
+        return bool(self.readers) or self.may_be_read
 
     def add(self, place: Place) -> None:
         if place.use.reads:
@@ -79,6 +86,7 @@ class KeyUsage:
 
     def __init__(self, library: TreeLibrary) -> None:
         self._library = library
+        self._numbers = itertools.count()
         self._uses: dict[int, tuple[TreeDefinition, tuple[KeyUse, ...]]] = {}
         for document in library.documents.values():
             for tree in document.trees.values():
@@ -102,13 +110,62 @@ class KeyUsage:
 
         for node, definition in zip(tree.nodes, definitions, strict=True):
             owner, node_uses = self._uses[id(definition)]
+            number = next(self._numbers)
             for use in node_uses:
                 # What cannot be declared was reported, or is an error when a script runs.
                 with contextlib.suppress(BlackboardError):
-                    usage(node.blackboard, use.key).add(Place(owner, definition, use))
+                    usage(node.blackboard, use.key).add(Place(owner, definition, use, number))
             if definition.tree_id is not None:
                 for place, text in _constants(owner, definition):
                     usage(boards[node.path], place.use.key).constants.append((place, text))
+
+
+class LostWrite(NamedTuple):
+    """A value that ``writer`` writes to an ``entry`` that nothing reads, while ``reader`` reads another one."""
+
+    entry: Entry
+    writer: Place
+    reader: Place
+
+
+def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
+    """Return the writes to entries that nothing reads, where it is plain who should read them.
+
+    That is the next node that reads a value of the same kind, if nothing writes what it reads in between, and if it is
+    what the writer made the new value of, or has the same key in another scope. A path to somewhere else that is only
+    planned to see whether there is one is no such write, nor what is read in another place of the same sub-tree.
+    """
+    needed = {_output(place) for usage in usages if usage.is_read for place in usage.writers}
+    readers = [(place, usage) for usage in usages for place in usage.readers]
+    readers.sort(key=lambda one: one[0].number)
+    for usage in usages:
+        if usage.is_read:
+            continue
+        for writer in usage.writers:
+            kind = None if _output(writer) in needed else _kind(writer)
+            following = (one for one in readers if one[0].number > writer.number and _kind(one[0]) == kind)
+            reader, other = next(following, (None, None))
+            if kind is None or reader is None or other is None:
+                continue
+            is_made_of_it = any(one.number == writer.number for one in other.readers)
+            has_its_name = writer.use.key == reader.use.key and any(one.number < writer.number for one in other.writers)
+            is_newer = any(writer.number <= one.number < reader.number for one in other.writers)
+            if (is_made_of_it or has_its_name) and not is_newer:
+                yield LostWrite(usage.entry, writer, reader)
+
+
+def _output(place: Place) -> tuple[int, str]:
+    """Return what tells a port of a file, wherever the tree that it is in is used."""
+    return id(place.node), place.use.attribute
+
+
+def _kind(place: Place) -> tuple[str, str] | None:
+    """Return what a port of objects holds: its type, and the last word of its name. None for numbers and texts, of
+    which many are alike and mean something else."""
+    port = place.use.port
+    if port is None or port.type is None or port.type.category != 'object':
+        return None
+    return port.type.name, place.use.attribute.rpartition('_')[2]
 
 
 def _constants(tree: TreeDefinition, node: NodeDefinition) -> Iterator[tuple[Place, str]]:

@@ -15,6 +15,7 @@ from flexbt_states import (
     BtGetDataState,
     BtLoaderState,
     BtSetDataState,
+    WaitState,
 )
 
 POSE = 'geometry_msgs/msg/PoseStamped'
@@ -39,6 +40,8 @@ def xml(body: str, tree: str = 'Main') -> str:
 
 PLAN = '<ComputePathToPose goal="{goal}" path="{path}"/>'
 FOLLOW = '<FollowPath path="{path}"/>'
+SMOOTH = f'<Sequence>{PLAN}<SmoothPath unsmoothed_path="{{path}}" smoothed_path="{{smooth}}"/></Sequence>'
+WAIT = '<Sequence><Wait wait_duration="5"/><Sleep msec="1000"/></Sequence>'
 
 
 def test_states_and_trees_that_agree() -> None:
@@ -91,8 +94,39 @@ def test_states_and_trees_that_agree() -> None:
                 BtSetDataState(goal_id='path', goal_msg_type=PATH, blackboard='other'),
                 BtExecuteState(bt_file='Main'),
             ],
-            [('unread-key', '/S1'), ('unwritten-key', '/S2')],
+            [('unwritten-key', '/S2'), ('unread-key', '/S1')],
             id='the key of another blackboard',
+        ),
+        pytest.param(
+            [
+                BtLoaderState(xml=xml(SMOOTH, 'Plan')),
+                BtLoaderState(xml=xml(FOLLOW, 'Follow')),
+                BtExecuteGoalState(bt_file='Plan'),
+                BtExecuteState(bt_file='Follow'),
+            ],
+            [('lost-write', '/S2')],
+            id='a value that gets to nobody',
+        ),
+        pytest.param(
+            [
+                BtLoaderState(xml=xml(SMOOTH, 'Plan')),
+                BtLoaderState(xml=xml(FOLLOW, 'Follow')),
+                BtExecuteGoalState(bt_file='Plan', outputs={'smooth': PATH}),
+                BtExecuteState(bt_file='Follow'),
+            ],
+            [],
+            id='a value that a state reads',
+        ),
+        pytest.param(
+            [
+                BtLoaderState(xml=xml(WAIT)),
+                BtExecuteState(bt_file='Main', timeout=2.0),
+                BtExecuteState(bt_file='Main', timeout=6.0),
+                with_retry(with_timeout(WaitState(5.0), 1.0), 2, on=['timeout']),
+                with_timeout(WaitState(5.0), 5.0),
+            ],
+            [('too-short', '/S3'), ('too-short', '/S1')],
+            id='a time that is too short',
         ),
         pytest.param(
             [BtSetDataState(goal_id='path', goal_msg_type=PATH), BtExecuteState(bt_file='')],

@@ -45,11 +45,21 @@ class Use(SyncAction):
         return NodeStatus.SUCCESS
 
 
+class Change(SyncAction):
+    """Makes something else of what it is given."""
+
+    ports = {'input_thing': input_port(THING), 'output_thing': output_port(THING)}
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
 @functools.cache
 def registry() -> NodeRegistry:
     nodes = node_registry(lambda source, error: None)
     nodes.register('Make', Make)
     nodes.register('Use', Use)
+    nodes.register('Change', Change)
     return nodes
 
 
@@ -79,7 +89,10 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
     (
         'an input of the tree',
         ('Main: <Use ^int="{a}"/>',),
-        ['never-written key [a] is read, and nothing writes it; if the tree is given it, say --input a'],
+        [
+            'never-written key [a] is read, and nothing writes it; '
+            'if the tree is given it, declare it as an input_port in a TreeNodesModel, or say --input a'
+        ],
     ),
     ('what the BT server gives', ('Main: <Sequence><Use text="{goal}"/><Use text="{goals}"/></Sequence>',), []),
     (
@@ -113,6 +126,62 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
             'never-written key [_a] is read, and nothing writes it; another scope has such a key, '
             'but keys that begin with _ are not handed to sub-trees: rename it'
         ],
+    ),
+    (
+        'a new value that is for nobody',
+        (
+            'Main: <Sequence><Make thing="{a}"/><Change input_thing="{a}" ^output_thing="{b}"/>'
+            '<Use thing="{a}"/></Sequence>',
+        ),
+        [
+            'lost-write key [b] is written, and nothing reads it: <Use> after it reads [a], which is as it was before; '
+            'is [b] meant there, or [a] here?'
+        ],
+    ),
+    (
+        'a new value for who runs the tree',
+        ('Main: <Sequence><Make thing="{a}"/><Change input_thing="{a}" ^output_thing="{b}"/></Sequence>',),
+        ['never-read key [b]'],
+    ),
+    (
+        'a new value for all trees',
+        (
+            'Main: <Sequence><Make thing="{a}"/><Change input_thing="{a}" ^output_thing="{@b}"/>'
+            '<Use thing="{a}"/></Sequence>',
+        ),
+        ['never-read key [@b]'],
+    ),
+    (
+        'what is written anew before it is read',
+        (
+            'Main: <Sequence><Make thing="{a}"/><Change input_thing="{a}" ^output_thing="{b}"/><Make thing="{a}"/>'
+            '<Use thing="{a}"/></Sequence>',
+        ),
+        ['never-read key [b]'],
+    ),
+    (
+        'another thing, which is only made',
+        ('Main: <Sequence><Make thing="{a}"/><Make ^thing="{b}"/><Use thing="{a}"/></Sequence>',),
+        ['never-read key [b]'],
+    ),
+    (
+        'a sub-tree that does not hand out what it makes',
+        (
+            'Main: <Sequence><Make thing="{a}"/><SubTree ID="S"/><Use thing="{a}"/></Sequence>',
+            'S: <Make ^thing="{a}"/>',
+        ),
+        [
+            'lost-write key [a] is written, and nothing reads it: <Use> after it reads the key of this name of another '
+            'scope; hand it to the sub-tree: a="{a}"'
+        ],
+    ),
+    (
+        'a sub-tree that does so in another place',
+        (
+            'Main: <Sequence><SubTree ID="S" name="s" a="{a}"/><SubTree ID="S" name="t"/><Use thing="{a}"/></Sequence>',
+            'S: <Make ^thing="{a}"/>',
+        ),
+        ['never-read key [a]'],
     ),
     ('scripts', ('Main: <Sequence><Script code="a := 1; b := a"/><ScriptCondition code="b == 1"/></Sequence>',), []),
     (
@@ -208,6 +277,43 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         ),
         ['twice it is there twice in a row, with the same ports'],
     ),
+    (
+        'a time limit that is too short',
+        (
+            'Main: <Fallback>^<Timeout msec="1000"><Wait wait_duration="5"/></Timeout>'
+            '^<Timeout msec="1000"><SubTree ID="S"/></Timeout>'
+            '^<Timeout msec="1000"><Delay delay_msec="5000"><Use/></Delay></Timeout>'
+            '^<Timeout msec="1000"><Sequence><Sleep msec="600"/><Use/><Sleep msec="600"/></Sequence></Timeout>'
+            '</Fallback>',
+            'S: <Repeat num_cycles="2"><Sleep msec="3000"/></Repeat>',
+        ),
+        [
+            'too-short it can never succeed: <Wait> takes 5 s, and is ended after 1 s',
+            "too-short it can never succeed: <SubTree 'S'> takes 6 s, and is ended after 1 s",
+            'too-short it can never succeed: <Delay> takes 5 s, and is ended after 1 s',
+            'too-short it can never succeed: what is in it takes 1.2 s at least, and is ended after 1 s',
+        ],
+    ),
+    (
+        'what begins after the end of a time limit',
+        (
+            'Main: <Timeout msec="1000"><Fallback><Use/><Sequence><Sleep msec="2000"/>^<Make/></Sequence></Fallback>'
+            '</Timeout>',
+        ),
+        ['too-short it is never ticked: <Timeout> ends after 1 s, and what is before it takes 2 s'],
+    ),
+    (
+        'time limits that are long enough, or that decide',
+        (
+            'Main: <Sequence><Timeout msec="5000"><Wait wait_duration="4"/></Timeout>'
+            '<Timeout msec="1000"><Wait wait_duration="{goal}"/></Timeout><Timeout msec="0"><Sleep msec="9"/></Timeout>'
+            '<Timeout msec="1000"><ReactiveFallback><Use/><Sleep msec="3600000"/></ReactiveFallback></Timeout>'
+            '<Timeout msec="1000"><Sleep msec="3000" _skipIf="true"/></Timeout>'
+            '<Timeout msec="1000"><KeepRunningUntilFailure><Sleep msec="3000"/></KeepRunningUntilFailure></Timeout>'
+            '</Sequence>',
+        ),
+        [],
+    ),
     ('never used', ('Main: <AlwaysSuccess/>', 'S: <AlwaysSuccess/>'), ['unused-tree tree [S] is never used']),
     (
         'a constant of the wrong type',
@@ -255,6 +361,26 @@ def test_trees_that_share_a_blackboard_are_looked_at_together(tmp_path: Path) ->
     assert found(tmp_path, planner, follower, shared=True) == []
     clash, [place] = without_marks(document('Main: <Use ^thing="{path}"/>'))
     assert found(tmp_path, planner, clash, shared=True)[0].startswith(f'b:{place} refused port [thing]')
+
+
+def test_what_a_tree_is_given_is_an_error_only_where_nothing_can_give_it(tmp_path: Path) -> None:
+    """A tree that its file does not name as the main one may be the sub-tree of another file."""
+    tree = 'T: <Use int="{a}"/>'
+    model = '<TreeNodesModel><SubTree ID="T"><input_port name="a"/></SubTree></TreeNodesModel></root>'
+    declared = document(tree, main='T').replace('</root>', model)
+    inside = ('T: <SubTree ID="S"/>', 'S: <Use int="{a}"/>')
+    for text, rules in (
+        (document(tree, main='T'), ['never-written']),
+        (document(tree, main=None), ['undeclared']),
+        (document(*inside, main=None), ['never-written']),
+        (declared, []),
+        (declared.replace('"{a}"', '"{b}"'), ['never-written']),
+    ):
+        assert [line.split()[1] for line in found(tmp_path, text)] == rules, text
+    file = tmp_path / 'a.xml'
+    file.write_text(document('T: <ScriptCondition code="a == 1"/>', main='T'))
+    codes = [tool('check', str(file), *more).code for more in ((), ('--input', 'a'), ('--ignore', 'never-written'))]
+    assert codes == [1, 0, 0]
 
 
 def test_errors_of_all_files_are_reported_at_once(tmp_path: Path) -> None:
@@ -363,7 +489,7 @@ def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
     assert f'did you mean [force]? its ports are: object, force (the [Grasp] of {models})' in done.out
     tree.write_text(tree.read_text().replace('fore', 'force'))
     done = tool('check', '--models', str(models), str(tree))
-    assert ': warning: <Grasp>: key [cup] is read, and nothing writes it' in done.out
+    assert ': error: <Grasp>: key [cup] is read, and nothing writes it' in done.out
     models.write_text(models.read_text().replace('"Held"', '"He ld"'))
     done = tool('check', '--models', str(models), str(tree))
     assert (done.code, done.out) == (3, '')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What ``check`` says of children that are never ticked, against what the engine does."""
+"""What ``check`` says of children that are never ticked, or never done in time, against what the engine does."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from flexbt_core.behavior_tree import (
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
 from flexbt_core.clock import ManualClock
 from flexbt_testing.behavior_trees.steps import LETTERS
-from flexbt_tools.tree_checks import never_ticked
+from flexbt_tools.tree_checks import never_ticked, short_limits
 
 TICKS = 8
 
@@ -83,11 +83,20 @@ def said(library: TreeLibrary) -> set[int]:
 
 def ticked(library: TreeLibrary, scripts: dict[str, str]) -> set[int]:
     """Columns of the nodes that change their status in a run."""
+    return run(library, scripts)[0]
+
+
+def run(library: TreeLibrary, scripts: dict[str, str]) -> tuple[set[int], set[int]]:
+    """Columns of the nodes that change their status in a run, and of those that succeed."""
     seen: set[int] = set()
+    succeeded: set[int] = set()
     tree: Tree
 
     def note(node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
-        seen.add(tree.definitions[tree.nodes.index(node)].offset)
+        offset = tree.definitions[tree.nodes.index(node)].offset
+        seen.add(offset)
+        if after is NodeStatus.SUCCESS:
+            succeeded.add(offset)
 
     clock = ManualClock()
     tree = Tree(library, 'Main', clock=clock, services=scripts, observers=[note], max_rounds=20)
@@ -97,7 +106,7 @@ def ticked(library: TreeLibrary, scripts: dict[str, str]) -> set[int]:
             clock.advance(1.0)
     except NodeExecutionError:
         pass  # a condition that was skipped, or a wrong number of children
-    return seen
+    return seen, succeeded
 
 
 LEAVES = ['<AlwaysSuccess/>', '<AlwaysFailure/>', '<Sleep msec="1500"/>', '<Free name="a"/>', '<Free name="b"/>']
@@ -135,12 +144,17 @@ TREES = st.recursive(st.sampled_from(LEAVES), inner, max_leaves=12)
 
 @settings(max_examples=300, deadline=None)
 @given(TREES, st.dictionaries(st.sampled_from('ab'), st.text('SFRK', max_size=6)))
-def test_what_is_said_never_to_be_ticked_is_not(body: str, scripts: dict[str, str]) -> None:
+def test_what_is_said_never_to_be_ticked_or_done_is_not(body: str, scripts: dict[str, str]) -> None:
     try:
         library = library_of(body)
     except TreeLoadError:  # two asynchronous sequences below a reactive one
         reject()
-    assert not said(library) & ticked(library, scripts)
+    seen, succeeded = run(library, scripts)
+    assert not said(library) & seen
+    if 'K' not in ''.join(scripts.values()):  # of a leaf of which nothing is known it is taken that it is not skipped
+        for one in short_limits(library):
+            never = succeeded if 'never succeed' in one.place.message else seen
+            assert one.place.column - 1 not in never, one.place.message
 
 
 RECOVERIES = [f'RecoveryNode number_of_retries="{count}"' for count in (-1, 0, 1)]

@@ -40,8 +40,10 @@ from .names import (
 )
 from .outcomes import (
     Choice,
+    Earliest,
     Exchanged,
     InOrder,
+    Lasting,
     OneOf,
     Outcomes,
     Possible,
@@ -49,6 +51,7 @@ from .outcomes import (
     Repeated,
     Results,
     TimeLimit,
+    Times,
     WithDefault,
 )
 from .port_types import (
@@ -114,6 +117,7 @@ __all__ = [
     'BlackboardError',
     'Choice',
     'ConversionError',
+    'Earliest',
     'Entry',
     'Example',
     'Exchanged',
@@ -122,6 +126,7 @@ __all__ = [
     'InOrder',
     'JsonObject',
     'JsonTypes',
+    'Lasting',
     'LoadError',
     'NodeDefinition',
     'NodeExecutionError',
@@ -148,6 +153,7 @@ __all__ = [
     'SubTreeModelPort',
     'TickAbandoned',
     'TimeLimit',
+    'Times',
     'TreeDefinition',
     'TreeDocument',
     'TreeKey',

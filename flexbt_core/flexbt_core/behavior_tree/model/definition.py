@@ -142,7 +142,8 @@ class SubTreeModelPort(NamedTuple):
 
 
 class TreeDocument(NamedTuple):
-    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one.
+    """What one file defines. ``main`` is the tree to execute when none is named, if the file says so or has but one;
+    ``names_main`` tells that the file says so.
     ``scripts`` are those of the registry with which it was read."""
 
     file: str
@@ -151,3 +152,4 @@ class TreeDocument(NamedTuple):
     models: Mapping[str, Mapping[str, SubTreeModelPort]]
     warnings: tuple[LoadError, ...]
     scripts: Scripts
+    names_main: bool

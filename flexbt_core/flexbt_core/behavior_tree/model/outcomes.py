@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a tick of a node may give, and which of its children it may tick: the rule that a node class declares.
+"""What a tick of a node may give, when, and which of its children it may tick: the rule that a node class declares.
 
 A rule looks at one node and at what its children may give, not at what they do: all that a run can bring is within what
-it says, and ``bt_tool check`` warns of the children that are outside of it in every run.
+it says, and ``bt_tool check`` warns of the children that are outside of it in every run, and of time limits that are
+over before anything can succeed.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
@@ -34,6 +36,29 @@ class Possible(NamedTuple):
     ticked: Sequence[bool]
 
 
+Times = Mapping[NodeStatus, float]
+"""The least time that a node takes to give each of its results, s after the tick that begins it. What is not in it, it
+never gives."""
+
+
+class Earliest(NamedTuple):
+    """When things can happen at the earliest: the ``results`` of a node, and for each child when it ``begins``, s after
+    the tick that begins the node; infinity: never."""
+
+    results: Times
+    begins: Sequence[float]
+
+
+def _at_once(results: Iterable[NodeStatus]) -> dict[NodeStatus, float]:
+    return {result: 0.0 for result in results if result is not RUNNING}
+
+
+def _earlier(results: dict[NodeStatus, float], result: NodeStatus, time: float) -> None:
+    """Take note that a result may come at this time."""
+    if time < results.get(result, math.inf):
+        results[result] = time
+
+
 class Outcomes(ABC):
     """The rule of a node class, for nodes that have the number of children with which they can be ticked."""
 
@@ -43,9 +68,20 @@ class Outcomes(ABC):
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         """What is possible with these ports, when the children may give ``children``, one for each."""
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        """When something is possible with these ports, where children need ``children``; at once, if a rule does not
+        say it."""
+        return Earliest(_at_once((SUCCESS, FAILURE, SKIPPED)), (0.0,) * len(children))
+
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
         """The child whose results decide whether ``child`` is ticked; None when it is these ports of the node."""
         return child - 1 if child else None
+
+
+def milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
+    """Return the time that a port of milliseconds has in the file, s; None when it is not known before a run."""
+    value = values[port].literal if port in values else None
+    return value / 1000.0 if isinstance(value, int) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +92,24 @@ class OneOf(Outcomes):
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         return Possible(frozenset(self.results), (True,) * len(children))
+
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        return Earliest(_at_once(self.results), (0.0,) * len(children))
+
+
+@dataclass(frozen=True, slots=True)
+class Lasting(OneOf):
+    """A leaf that waits: it succeeds after the time that ``port`` says, in units of ``unit`` seconds."""
+
+    port: str = ''
+    unit: float = 1.0
+
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        time = values[self.port].literal if self.port in values else None
+        results = _at_once(self.results)
+        if isinstance(time, int | float) and math.isfinite(time):
+            results[SUCCESS] = abs(time) * self.unit
+        return Earliest(results, ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,16 +123,21 @@ class WithDefault(Outcomes):
         is_given = default is not None and default.key is None and bool(default.text)
         return Possible(_SUCCESS if is_given else _SUCCESS | _FAILURE, ())
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        return Earliest(_at_once(self.possible(values, ()).results), ())
+
 
 @dataclass(frozen=True, slots=True)
 class InOrder(Outcomes):
     """The next child is ticked when one gives ``passing`` or is skipped; anything else is the result.
 
-    A node that ``yields`` may be RUNNING between two children.
+    A node that ``yields`` may be RUNNING between two children. One that ``remembers`` goes on, after a failure or a
+    halt, where it was.
     """
 
     passing: NodeStatus
     yields: bool = False
+    remembers: bool = False
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         ticked: list[bool] = []
@@ -94,6 +153,23 @@ class InOrder(Outcomes):
             results |= _SKIPPED if all(SKIPPED in child for child in children) else _NOTHING
         return Possible(results, ticked)
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        results: dict[NodeStatus, float] = {}
+        begins: list[float] = []
+        begin = passed = 0.0
+        for child in children:
+            begins.append(begin)
+            for result, time in child.items():
+                if result not in (self.passing, SKIPPED):
+                    _earlier(results, result, begin + time)
+            passed = begin + min(child.get(self.passing, math.inf), child.get(SKIPPED, math.inf))
+            begin = 0.0 if self.remembers else passed
+        if any(self.passing in child for child in children):
+            _earlier(results, self.passing, passed)
+        if all(SKIPPED in child for child in children):
+            results[SKIPPED] = passed
+        return Earliest(results, begins)
+
 
 @dataclass(frozen=True, slots=True)
 class Choice(Outcomes):
@@ -106,23 +182,47 @@ class Choice(Outcomes):
         otherwise = others[0] if others else _FAILURE
         return Possible(results | (otherwise if FAILURE in condition else _NOTHING), ticked)
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        condition, *branches = children
+        decided = [condition.get(result, math.inf) for result in (SUCCESS, FAILURE)][: len(branches)]
+        results: dict[NodeStatus, float] = {}
+        for begin, branch in zip(decided, branches, strict=True):
+            for result, time in branch.items():
+                _earlier(results, result, begin + time)
+        if len(branches) == 1 and FAILURE in condition:
+            _earlier(results, FAILURE, 0.0)  # the condition may keep a result of before
+        return Earliest(results, (0.0, *decided))
+
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
         return 0
 
 
 @dataclass(frozen=True, slots=True)
 class Exchanged(Outcomes):
-    """A decorator that gives something else for some results of its child. One that ``waits`` may be RUNNING before."""
+    """A decorator that gives something else for some results of its child. One that ``waits`` may be RUNNING before:
+    for the milliseconds of the port ``delay``, if it has one."""
 
     success: NodeStatus = SUCCESS
     failure: NodeStatus = FAILURE
     skipped: NodeStatus = SKIPPED
     waits: bool = False
+    delay: str = ''
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
-        exchanged = {SUCCESS: self.success, FAILURE: self.failure, SKIPPED: self.skipped, RUNNING: RUNNING}
+        exchanged = self._exchanged()
         results = frozenset(exchanged[result] for result in children[0])
         return Possible(results | _RUNNING if self.waits else results, (True,))
+
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        # After a child that was skipped the delay is over, also when the node begins anew.
+        delay = 0.0 if SKIPPED in children[0] else milliseconds(values, self.delay) or 0.0
+        results: dict[NodeStatus, float] = {}
+        for result, time in children[0].items():
+            _earlier(results, self._exchanged()[result], delay + time)
+        return Earliest({one: time for one, time in results.items() if one is not RUNNING}, (delay,))
+
+    def _exchanged(self) -> Mapping[NodeStatus, NodeStatus]:
+        return {SUCCESS: self.success, FAILURE: self.failure, SKIPPED: self.skipped, RUNNING: RUNNING}
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +245,17 @@ class Repeated(Outcomes):
         # Not known: with 0 the result is as if it had been repeated enough.
         return Possible(others | again | {self.repeated}, (True,))
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        count = values[self.port].literal
+        [child] = children
+        results = {result: time for result, time in child.items() if result is not self.repeated}
+        if not isinstance(count, int) or count == 0 or count < -1:
+            results[self.repeated] = 0.0
+        elif self.repeated in child and count > 0:
+            # What was counted is kept where the child was skipped, also when the node begins anew.
+            results[self.repeated] = child[self.repeated] * (1 if SKIPPED in child else count)
+        return Earliest(results, (0.0,))
+
 
 @dataclass(frozen=True, slots=True)
 class Recovered(Outcomes):
@@ -164,6 +275,14 @@ class Recovered(Outcomes):
         results = first | (recovery & _RUNNING if is_recovered else _NOTHING)
         return Possible(results if count is not None else results | _FAILURE, (True, is_recovered))
 
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        count = self._count(values)
+        first = children[0]
+        failed = first.get(FAILURE, math.inf)
+        if count is None:
+            return Earliest({**first, FAILURE: 0.0}, (0.0, failed))
+        return Earliest(first if count >= 0 else {FAILURE: 0.0}, (0.0, failed))
+
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
         return None if self._count(values) == 0 else Outcomes.deciding(self, values, child)
 
@@ -175,7 +294,25 @@ class Recovered(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class TimeLimit(Outcomes):
-    """A decorator that fails when its child is RUNNING for too long."""
+    """A decorator that fails when its child is RUNNING for longer than the milliseconds of ``port``, if it has one."""
+
+    port: str = ''
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> Possible:
         return Possible(children[0] | (_FAILURE if RUNNING in children[0] else _NOTHING), (True,))
+
+    def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
+        limit = self.limit(values, children[0])
+        results = {result: time for result, time in children[0].items() if limit is None or time < limit}
+        if milliseconds(values, self.port) != 0.0:
+            _earlier(results, FAILURE, limit or 0.0)
+        return Earliest(results, (0.0,))
+
+    def limit(self, values: Mapping[str, PortValue], child: Times) -> float | None:
+        """Return the time after which the child never goes on, s; None when it may.
+
+        That is so when the time is not known before a run, and when the child may be skipped before: in a tick that
+        finds it so there is no limit any more.
+        """
+        limit = milliseconds(values, self.port)
+        return limit if limit and limit <= child.get(SKIPPED, math.inf) else None

@@ -221,7 +221,7 @@ class SequenceWithMemory(_YieldingControl):
     __slots__ = ()
 
     _passing = SUCCESS
-    outcomes = InOrder(passing=SUCCESS, yields=True)
+    outcomes = InOrder(passing=SUCCESS, yields=True, remembers=True)
     example = Example(
         """
         <RetryUntilSuccessful num_attempts="3">

@@ -16,8 +16,8 @@ from flexbt_core.behavior_tree.model import (
     UNSIGNED,
     Example,
     Exchanged,
+    Lasting,
     NodeStatus,
-    OneOf,
     TimeLimit,
     input_port,
 )
@@ -33,7 +33,7 @@ class Timeout(DecoratorNode):
     __slots__ = ('_deadline', '_expired')
 
     ports = {'msec': input_port(UNSIGNED, description='limit in ms; 0: none')}
-    outcomes = TimeLimit()
+    outcomes = TimeLimit('msec')
     example = Example('<Timeout msec="100"><Sleep msec="500"/></Timeout>', ticks=(RUNNING, FAILURE))
 
     def __init__(self, config: NodeConfig) -> None:
@@ -92,7 +92,7 @@ class Delay(DecoratorNode):
 
     running_at_completion = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
-    outcomes = Exchanged(waits=True)
+    outcomes = Exchanged(waits=True, delay='delay_msec')
     example = Example('<Delay delay_msec="100"><AlwaysSuccess/></Delay>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:
@@ -138,7 +138,7 @@ class Sleep(StatefulAction):
     goes_on = ''  # it only waits
 
     ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
-    outcomes = OneOf((RUNNING, SUCCESS))
+    outcomes = Lasting((RUNNING, SUCCESS), 'msec', 0.001)
     example = Example('<Sleep msec="100"/>', ticks=(RUNNING, SUCCESS))
 
     def __init__(self, config: NodeConfig) -> None:

@@ -87,10 +87,17 @@ class _Loader:
         self._models: dict[str, dict[str, SubTreeModelPort]] = {}
 
     def load(self, text: str | bytes, file: str) -> TreeDocument:
-        main = self._load_one(text, file)
-        if main is None and len(self._trees) == 1:
-            main = next(iter(self._trees))
-        return TreeDocument(file, self._trees, main, self._models, tuple(self._warnings), self._registry.scripts)
+        named = self._load_one(text, file)
+        main = next(iter(self._trees)) if named is None and len(self._trees) == 1 else named
+        return TreeDocument(
+            file,
+            self._trees,
+            main,
+            self._models,
+            tuple(self._warnings),
+            self._registry.scripts,
+            names_main=named is not None,
+        )
 
     def _load_one(self, text: str | bytes, file: str) -> str | None:
         """Adds what one file defines; gives the tree that it names as the main one."""

@@ -7,6 +7,7 @@ state and enters it again when it fails. Both have the keys of the state, and it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
@@ -70,6 +71,11 @@ class StateWrapper(EventState):
     @property
     def unwrapped(self) -> EventState:
         return self.inner.unwrapped
+
+    @property
+    def time_limit(self) -> float:
+        """Seconds after which an attempt of the innermost state is given up; infinity for never."""
+        return self.inner.time_limit if isinstance(self.inner, StateWrapper) else math.inf
 
     @property
     def made_with(self) -> Mapping[str, str]:
@@ -151,6 +157,10 @@ class _Timeout(StateWrapper):
     @property
     def type_name(self) -> str:
         return f'{self.inner.type_name}, at most {self._seconds:g} s'
+
+    @property
+    def time_limit(self) -> float:
+        return min(self._seconds, super().time_limit)
 
     def on_enter(self, userdata: UserData) -> None:
         self._is_over = False

@@ -21,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_parameters(parser)
     add_tree_files(parser)
+    arguments.add_inputs(parser)
     arguments.add_node_types(parser)
     arguments.add_skills(parser)
     report.add_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
@@ -34,6 +35,6 @@ def run(options: argparse.Namespace) -> ExitCode:
     reported = [
         Reported(one.rule, one.text(entry.name), one.to_json(entry.name))
         for entry in entries
-        for one in check_behavior(build(entry, arguments_of), options.trees, registry, skills)
+        for one in check_behavior(build(entry, arguments_of), options.trees, registry, skills, options.input)
     ]
     return report.report(options, reported, 'behavior', len(entries))

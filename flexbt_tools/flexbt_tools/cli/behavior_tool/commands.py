@@ -12,7 +12,11 @@ from . import check, draw, prove, show, skills, synthesize
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
-    ('1', 'check, prove: something is wrong; synthesize: no machine can do it'),
+    (
+        '1',
+        'check: there are errors, or with --strict warnings; prove: something is wrong; synthesize: no machine can do '
+        'it',
+    ),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
     ('5', 'synthesize: no answer within the time limit; prove: nothing is wrong so far, but not all was followed'),

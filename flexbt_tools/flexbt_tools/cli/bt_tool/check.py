@@ -7,22 +7,16 @@ import argparse
 
 from flexbt_tools.cli import Reported, arguments, report
 from flexbt_tools.errors import ExitCode
-from flexbt_tools.tree_checks import RULES, Severity, check_trees, joined
+from flexbt_tools.tree_checks import REFUSED, RULES, check_trees, joined
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_files(parser)
     arguments.add_node_types(parser)
-    parser.add_argument(
-        '--input',
-        metavar='KEY',
-        action='append',
-        default=[],
-        help='a key that is written from outside; repeatable',
-    )
+    arguments.add_inputs(parser)
     arguments.add_skills(parser)
     parser.add_argument('--shared', action='store_true', help='all trees run on one blackboard, as the server does it')
-    report.add_arguments(parser, [rule for rule in RULES if rule.severity is not Severity.ERROR])
+    report.add_arguments(parser, [rule for rule in RULES if rule is not REFUSED])
 
 
 def run(options: argparse.Namespace) -> ExitCode:

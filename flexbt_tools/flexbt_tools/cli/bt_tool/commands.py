@@ -12,7 +12,11 @@ from . import check, draw, log, model, plan, prove, run, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong; the tree succeeded'),
-    ('1', 'check, prove, skills: something is wrong; run: the tree did not succeed; plan: there is no plan'),
+    (
+        '1',
+        'check: there are errors, or with --strict warnings; prove, skills: something is wrong; run: the tree did not '
+        'succeed; plan: there is no plan',
+    ),
     ('2', 'wrong usage, or something is missing on this computer'),
     ('3', 'a file cannot be used; the reasons are printed'),
     ('4', 'run: a node raised an exception, or broke the rules'),
