@@ -314,7 +314,7 @@ def test_an_obstacle_whose_removal_nobody_has_answered_can_be_removed_once_more(
         simulator.remove(name, DEADLINE)  # it was gone already
         assert not simulator.dropped
         simulator.drop(1.0, 2.0, DEADLINE)
-        assert simulator.dropped
+        wait_until(lambda: simulator.dropped, 'another one')
         runtime.close()
         wait_until(lambda: not simulator.is_possible() and not simulator.dropped, 'nothing where no simulator is')
 

@@ -193,6 +193,13 @@ class Robot:
         (run,) = self.trees.runs(self.now)
         return run
 
+    def runs(self) -> bool:
+        return self.run.is_running
+
+    def has_lost(self) -> bool:
+        """Return whether the server of the run is gone."""
+        return self.run.server_gone
+
     @property
     def view(self) -> View:
         return View(LinkState.LIVE, 0.0, trees=self.trees.runs(self.now))
@@ -203,16 +210,16 @@ def test_a_tree_whose_server_is_gone_is_shown_as_it_was_and_does_not_run(server:
     robot = Robot(server)
     robot.tell()
     robot.says(alive=True, since=0.0)
-    assert robot.run.is_running and robot.view.drawn_trees == robot.view.running_trees == [robot.run]
+    assert robot.runs() and robot.view.drawn_trees == robot.view.running_trees == [robot.run]
     robot.says(alive=False, since=2.5)
-    assert not robot.run.is_running and not robot.view.running_trees and not acting_lines(robot.run)
+    assert not robot.runs() and not robot.view.running_trees and not acting_lines(robot.run)
     (drawn,) = robot.view.drawn_trees
     assert drawn.status(2) is RUNNING  # the last that was heard
     title, *nodes = tree_lines(drawn, 80, 10, ASCII)
     assert 'SERVER GONE' in title and 'running' not in title and {tone_of(line) for line in nodes} == {Tone.DIM}
     robot.tell(sent=2.0)  # it was on its way when the server went
     robot.says(alive=True, since=5.5)  # another process has its place, which does not know of it
-    assert not robot.run.is_running and robot.view.drawn_trees
+    assert not robot.runs() and robot.view.drawn_trees
     robot.now += GONE_SECONDS
     assert not robot.trees.runs(robot.now)
 
@@ -224,7 +231,7 @@ def test_a_server_that_is_replaced_between_two_snapshots_has_lost_its_trees() ->
     robot.tell()
     robot.says(alive=True, since=0.0)
     robot.says(alive=True, since=4.5)
-    assert robot.run.server_gone
+    assert robot.has_lost()
     robot.trees.receive_structure('next', 'Main', FIRST, 6.0)
     running = [RUNNING, RUNNING, SUCCESS]
     robot.trees.receive_status('next', 1, running, [], 6.0, finished=False, paused=False, server='/bt_server', now=6.0)
@@ -238,17 +245,17 @@ def test_a_server_that_is_heard_again_runs_its_trees() -> None:
     robot.says(alive=True, since=0.0)
     robot.says(alive=False, since=2.5)  # it hung for too long
     robot.tell()
-    assert robot.run.server_gone  # until the executive hears it, too
+    assert robot.has_lost()  # until the executive hears it, too
     robot.says(alive=True, since=4.5)
-    assert robot.run.is_running
+    assert robot.runs()
     robot.trees.servers_left(robot.now)  # the link was down for longer than the middleware waits
-    assert robot.run.server_gone
+    assert robot.has_lost()
     robot.says(alive=True, since=4.5)
-    assert robot.run.server_gone
+    assert robot.has_lost()
     robot.tell()
     robot.says(alive=False, since=8.5)
     robot.tell(finished=True)
-    assert robot.run.finished and not robot.run.server_gone
+    assert robot.run.finished and not robot.has_lost()
 
 
 def test_an_executive_that_is_restarted_ends_no_tree_and_one_that_does_not_watch_the_server_neither() -> None:
@@ -256,13 +263,13 @@ def test_an_executive_that_is_restarted_ends_no_tree_and_one_that_does_not_watch
     robot.tell()
     robot.says(alive=True, since=0.0)
     robot.says(alive=False, since=2.0, executive='f', expected=False)  # it has not seen it yet
-    assert robot.run.is_running
+    assert robot.runs()
     robot.says(alive=False, since=2.0, executive='f')  # nor has one whose peers somebody has named
     robot.says(alive=True, since=4.0, executive='f')
-    assert robot.run.is_running
+    assert robot.runs()
     robot.says(alive=False, since=5.0, executive='f')
-    assert robot.run.server_gone
+    assert robot.has_lost()
     other = Robot('/trees')
     other.tell()
     other.says(alive=False, since=1.5)
-    assert other.run.is_running
+    assert other.runs()
