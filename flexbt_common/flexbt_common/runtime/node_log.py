@@ -9,12 +9,15 @@ for a node that other people send texts to:
 - a program that makes a node log again and again fills the disk: :class:`NodeLogger` has an allowance, and counts what
   it drops;
 - a reader of standard error that stalls (a full pipe, Ctrl-S in a terminal) stops the thread that logs, and with it
-  the node: with :class:`StandardStreams` it loses lines instead, and counts them.
+  the node: with :class:`StandardStreams` it loses lines instead, and counts them. Programs that the node starts
+  wait for the reader as usual.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import fcntl
 import io
 import math
 import os
@@ -25,6 +28,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from functools import cache
 from typing import Any, Final
 
 from rclpy.logging import LoggingSeverity
@@ -93,7 +97,6 @@ class NodeLogger(OpenLogger):
     def __init__(self, name: str, burst: float = LOG_BURST, rate: float = LOG_RATE) -> None:
         super().__init__(name)
         self._allowances = {False: _Allowance(burst, rate), True: _Allowance(burst, rate)}
-        self._unread = 0
         self._notices = OpenLogger(name)  # rclpy's refuses two severities from one place of the code
 
     def get_child(self, name: str) -> NodeLogger:
@@ -115,13 +118,20 @@ class NodeLogger(OpenLogger):
         allowance = self._allowances[severity >= LoggingSeverity.ERROR]
         if not allowance.admit():
             return False
-        is_read = _is_read(2)
+        stream = _log_stream()
+        has_room = stream is None or stream.has_room()
+        if has_room and stream is not None and stream.unread:
+            stream.end_line()
+            self._notices.warning(f'{counted(stream.unread, "message")} cut or missing here: {_NO_ROOM}')
+            stream.unread = 0
+            stream.count_unread()
         is_logged = bool(super().log(text, severity, **options))
         if is_logged:
             allowance.charge(len(text))
-            self._unread += not is_read
-            if is_read:
+            if has_room:
                 self._report_dropped(allowance)
+            if stream is not None:
+                stream.count_unread()
         return is_logged
 
     def _report_dropped(self, allowance: _Allowance) -> None:
@@ -129,9 +139,6 @@ class NodeLogger(OpenLogger):
         if dropped:
             why = f'this node logged more than {allowance.rate:g} characters a second'
             self._notices.warning(f'{counted(dropped, "message")} dropped: {why}')
-        if self._unread:
-            unread, self._unread = self._unread, 0
-            self._notices.warning(f'{counted(unread, "message")} missing here: nobody read this output')
 
 
 class RepeatedReports:
@@ -161,24 +168,104 @@ class RepeatedReports:
             return held
 
 
-def _is_read(number: int) -> bool:
-    """Return whether what is written to a descriptor now has room: its reader has not stalled."""
+# ------------------------------------------------------------------------------------------------ standard streams
+
+_NO_ROOM: Final = 'nobody read this output'
+
+_PIPE_BYTES: Final = 1 << 20
+"""Room that a pipe for the output is given, if the system allows it: a long message is not cut while it is read."""
+
+_LAST_SECONDS: Final = 0.2
+"""How long the end of a process waits for a slow reader of its last lines."""
+
+_FILENO: Final = 14 * ctypes.sizeof(ctypes.c_void_p)
+"""Where a ``FILE`` of glibc has its descriptor (``_fileno`` of ``struct_FILE.h``, which is part of its binary
+interface); :meth:`_CStream.move` asks ``fileno`` whether it is so."""
+
+
+class _CStream:
+    """``stdout`` or ``stderr`` of the C library, through which rclpy's log and the middleware write."""
+
+    def __init__(self, name: str) -> None:
+        libc = ctypes.CDLL(None)
+        self._file = ctypes.c_void_p.in_dll(libc, name)
+        self._number = ctypes.c_int.from_address((self._file.value or 0) + _FILENO)
+        self._fileno, self._flush = libc.fileno, libc.fflush
+        self._failed, self._forgive = libc.ferror_unlocked, libc.clearerr_unlocked
+        self.unread = 0
+        """Messages that were not written as a whole, and not reported so far."""
+
+    def move(self, number: int) -> None:
+        """Write to the descriptor ``number`` from now on; do nothing where ``FILE`` is not that of glibc."""
+        before = self._number.value
+        if self._fileno(self._file) == before:
+            self._flush(self._file)
+            self._forgive(self._file)
+            self._number.value = number
+            if self._fileno(self._file) != number:
+                self._number.value = before
+
+    @property
+    def descriptor(self) -> int:
+        """Descriptor that it writes to."""
+        return self._number.value
+
+    def has_room(self) -> bool:
+        """Return whether something can be written now, or the reader has ended."""
+        return bool(_state(self.descriptor))
+
+    def count_unread(self) -> None:
+        """Look whether the message that was just written has been cut or lost; without a reader nobody misses it."""
+        if self._failed(self._file):
+            self._forgive(self._file)
+            self.unread += _state(self.descriptor) in (0, select.POLLOUT)
+
+    def end_line(self) -> None:
+        """End a line that may have been cut."""
+        with contextlib.suppress(OSError):
+            os.write(self.descriptor, b'\n')
+
+
+@cache
+def _c_stream(name: str) -> _CStream | None:
+    try:
+        return _CStream(name)
+    except (AttributeError, ValueError):  # not glibc
+        return None
+
+
+def _log_stream() -> _CStream | None:
+    return _c_stream('stdout' if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 'stderr')
+
+
+def watchdog_descriptor() -> int:
+    """Return a descriptor of standard error for what must not wait for the reader: code without the interpreter."""
+    stream = _c_stream('stderr')
+    return 2 if stream is None else stream.descriptor
+
+
+def _state(number: int, seconds: float = 0.0) -> int:
+    """Return what poll tells of a descriptor in time: POLLOUT if it has room, 0 if not, others without a reader."""
     ready = select.poll()
     ready.register(number, select.POLLOUT)
-    return bool(ready.poll(0))
+    return next((flags for _, flags in ready.poll(1000.0 * seconds)), 0)
 
 
 class StandardStreams:
     """Standard output and standard error of a process in which no thread waits for their readers; a context.
 
-    Within it, writing to a pipe, socket or terminal that takes no more fails at once, and what was to be written is
-    dropped. Python's own streams count the lines, and report them when they are read again; :class:`NodeLogger` does so
-    for messages. What is written is with the reader at once: nothing is lost when the process is killed. Files stay as
-    they are: they have no reader.
+    Within it, what Python's streams and those of the C library cannot write at once is dropped and counted, and the
+    count is reported when the output is read again. What is written is with the reader at once: nothing is lost when
+    the process is killed. Files stay as they are: they have no reader. The streams of the C library go on like that
+    while the process ends.
+
+    The descriptors 1 and 2 stay as they are, too: the programs that this process starts inherit them, and the shell
+    goes on with them. Whether to wait is a matter of the open file, not of the descriptor, so the streams get one of
+    their own: the pipe or terminal, opened once more.
     """
 
     def __init__(self) -> None:
-        self._before: list[tuple[str, int, int]] = []
+        self._taken: list[tuple[io.TextIOWrapper, _Output]] = []
         self._streams = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> StandardStreams:
@@ -187,65 +274,120 @@ class StandardStreams:
             stream = getattr(sys, name)
             if stream is None or stream is not getattr(sys, f'__{name}__'):
                 continue  # closed, or somebody's own, such as that of a test
-            with contextlib.suppress(OSError):  # it cannot be opened once more: it stays as it is
-                number = stream.fileno()
-                if not stat.S_ISREG(os.fstat(number).st_mode):
-                    self._take_over(name, number)
+            with contextlib.suppress(OSError):  # out of descriptors: it stays as it is
+                if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                    self._take_over(name, stream)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Give the streams back."""
-        for name, number, before in self._before:
-            getattr(sys, name).flush()
-            os.dup2(before, number)
-            os.close(before)
+        for text, output in self._taken:
+            text.flush()
+            output.give_back()
         sys.stdout, sys.stderr = self._streams
 
-    def _take_over(self, name: str, number: int) -> None:
-        if stat.S_ISSOCK(os.fstat(number).st_mode):  # that of journald: nobody else writes to it
-            again = os.dup(number)
-        else:
-            # Opened once more, since whether to wait is a matter of who opens: the shell goes on waiting.
-            again = os.open(f'/proc/self/fd/{number}', os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
-        os.set_blocking(again, False)
-        stream = getattr(sys, name)
+    def _take_over(self, name: str, stream: Any) -> None:
         stream.flush()
-        self._before.append((name, number, os.dup(number)))
-        os.dup2(again, number)
-        os.close(again)
-        file = io.BufferedWriter(_Output(number))
-        text = io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True, write_through=True)
+        output = _Output(stream.fileno(), _c_stream(name))
+        text = io.TextIOWrapper(
+            io.BufferedWriter(output), stream.encoding, stream.errors, line_buffering=True, write_through=True
+        )
+        self._taken.append((text, output))
         setattr(sys, name, text)
 
 
 class _Output(io.RawIOBase):
-    """Writes to a descriptor what it takes, and drops the rest."""
+    """Writes what the reader of a descriptor takes at once, and counts the lines for which there is no room.
 
-    def __init__(self, number: int) -> None:
+    A line that is begun is ended before the next one.
+    """
+
+    def __init__(self, number: int, c_stream: _CStream | None) -> None:
         super().__init__()
         self._number = number
+        self._rest = b''  # of the line that is begun
         self._unread = 0
+        self._pump: threading.Thread | None = None
+        try:
+            self._own = os.open(f'/proc/self/fd/{number}', os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:  # a socket, such as that of journald, or the terminal of another user
+            reading, self._own = os.pipe()
+            os.set_blocking(self._own, False)
+            self._pump = threading.Thread(target=_pump, args=(reading, number), name='standard_stream', daemon=True)
+            self._pump.start()
+        with contextlib.suppress(OSError):  # no pipe, or so many large ones are not allowed
+            if fcntl.fcntl(self._own, fcntl.F_GETPIPE_SZ) < _PIPE_BYTES:
+                fcntl.fcntl(self._own, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self._c_stream = c_stream
+        if c_stream is not None:
+            c_stream.move(self._own)
 
     def write(self, data: Any) -> int:
         """Return the length of ``data``: all of it is written or dropped."""
-        given = bytes(data)
-        left = b'... %d lines dropped: nobody read this output\n%b' % (self._unread, given) if self._unread else given
-        try:
-            while left:
-                left = left[os.write(self._number, left) :]
-            self._unread = 0
-        except BlockingIOError:
-            self._unread += max(1, given.count(b'\n'))
+        given, rest = bytes(data), self._rest
+        notice = b''
+        if self._unread:
+            line_end = b'\n' if rest and not rest.endswith(b'\n') else b''
+            notice = b'%b... %d lines dropped: %b\n' % (line_end, self._unread, _NO_ROOM.encode())
+        head = rest + notice
+        left = head + given
+        done = self._write(left)
+        if done < len(rest) or done == len(rest) < len(head):  # the notice is not begun
+            self._rest = rest[done:]
+            self._unread += _lines(given)
+        elif done < len(head):
+            self._rest = head[done:]
+            self._unread = _lines(given)
+        else:
+            is_begun = done > len(head) and not left.endswith(b'\n', 0, done)
+            end = (left.find(b'\n', done) + 1 or len(left)) if is_begun else done
+            self._rest = left[done:end] if end - done <= _PIPE_BYTES else f' ... cut: {_NO_ROOM}\n'.encode()
+            self._unread = _lines(left[end:])
         return len(given)
+
+    def _write(self, data: bytes) -> int:
+        done = 0
+        with contextlib.suppress(BlockingIOError):
+            while done < len(data):
+                done += os.write(self._own, data[done:])
+        return done
+
+    def give_back(self) -> None:
+        """Write what is left to be said, if the reader takes it."""
+        stream, unread = self._c_stream, 0
+        if stream is not None:
+            stream.count_unread()
+            unread, stream.unread = stream.unread, 0
+        if (unread or self._rest or self._unread) and _state(self._own, _LAST_SECONDS) == select.POLLOUT:
+            self.write(b'\n... %d messages cut or missing above: %b\n' % (unread, _NO_ROOM.encode()) if unread else b'')
+        if self._pump is not None:
+            own, self._own = self._own, self._number
+            if stream is not None:
+                stream.move(self._number)
+            os.close(own)
+            self._pump.join(_LAST_SECONDS)
 
     def writable(self) -> bool:
         """It is."""
         return True
 
     def fileno(self) -> int:
-        """Return the descriptor."""
+        """Return the descriptor that a program to be started may inherit: one that waits for its reader."""
         return self._number
 
     def isatty(self) -> bool:
         """Return whether a person reads it in a terminal."""
         return os.isatty(self._number)
+
+
+def _lines(data: bytes) -> int:
+    return data.count(b'\n') or bool(data)
+
+
+def _pump(reading: int, number: int) -> None:
+    """Write what comes through a pipe to a descriptor, for whose reader this thread waits."""
+    with contextlib.suppress(OSError), os.fdopen(reading, 'rb', buffering=0) as pipe:
+        while data := pipe.read(65536):
+            while data:
+                select.select([], [number], [])
+                data = data[os.write(number, data) :]

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import os
+import pty
+import re
 import select
-import subprocess
-import sys
+import signal
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +19,11 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.runtime.node_log import NodeLogger
+from flexbt_testing.system.python_process import logged_python_process
 from flexbt_testing.waiting import wait_until
 
 _TALKER = """
-import logging, sys
+import logging, subprocess, sys, threading
 from flexbt_common.runtime import run_node
 
 def setup(runtime):
@@ -30,9 +33,11 @@ def setup(runtime):
         library = logging.getLogger('library')
         library.warning('%d of them', 'two')
         library.error('a \x1b[31mred text')
-        for number in range(800):
-            log.info(f'line {number} ' + 'x' * 80)
-            print('printed', number)
+        for number in range(120):
+            log.info(f'line {number} ' + 'x' * 15_000)
+            print('printed', number, 'y' * 15_000)
+        child = subprocess.Popen(['sh', '-c', "head -c 200000 /dev/zero | tr '\\\\0' c"])
+        threading.Thread(target=lambda: log.info(f'child ended with {child.wait()}'), daemon=True).start()
         with open(sys.argv[1], 'w') as done:
             done.write('done')
         go_on()
@@ -45,6 +50,18 @@ def setup(runtime):
     runtime.post(talk)
 
 sys.exit(run_node('talker', setup, []))
+"""
+
+_PRINTER = """
+import sys
+from flexbt_common.runtime.node_log import StandardStreams
+
+with StandardStreams():
+    for number in range(400):
+        print(number, 'y' * 5_000)
+    open(sys.argv[1], 'w').close()
+    open(sys.argv[1] + '.read').close()
+print('after')
 """
 
 
@@ -105,22 +122,57 @@ def test_two_severities_and_a_throttle_are_told_apart_by_the_place_that_logs(
     assert logged == ['throttled 0', *(f'every {number}' for number in range(5))]
 
 
-def test_a_node_whose_output_nobody_reads_goes_on_and_counts_what_it_drops(tmp_path: Path) -> None:
+@pytest.mark.parametrize('kind', ['pipe', 'socket', 'terminal'])
+def test_a_node_whose_output_nobody_reads_goes_on_and_its_children_wait(tmp_path: Path, kind: str) -> None:
     done = tmp_path / 'done'
-    process = subprocess.Popen([sys.executable, '-c', _TALKER, done], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    reading, writing = _ends(kind)
+    process = logged_python_process(['-c', _TALKER, str(done)], writing)
     try:
         wait_until(done.exists)  # and not a byte of it was read
-        assert process.stdout is not None
+        assert os.get_blocking(writing)  # who has the output besides waits for its reader, as usual
         read = _read_until(
-            process.stdout.fileno(), b' messages missing here: nobody read', b' lines dropped: nobody read'
+            reading, b' cut or missing here: nobody read', b' lines dropped: nobody read', b'child ended with 0'
         )
-        assert b'line 0 ' in read
+        assert b'line 0 ' in read and read.count(b'c') >= 200_000
+        assert re.search(rb'\n(\x1b\[33m)?\[WARN\] \[[0-9.]+\] \[talker\]: [0-9]+ messages cut or missing here', read)
         assert b'[WARN]' in read and b'[talker]: library: %d of them (TypeError(' in read
         assert b'[talker]: library: a \\e[31mred text' in read
+        process.send_signal(signal.SIGTERM)
+        while process.poll() is None:
+            if select.select([reading], [], [], 0.01)[0]:
+                os.read(reading, 65536)
+        assert process.wait() == 0
     finally:
-        process.terminate()
-        process.communicate(timeout=30.0)
-    assert process.returncode == 0
+        process.kill()
+        os.close(reading)
+        os.close(writing)
+
+
+def test_a_line_that_is_begun_is_ended_and_each_that_is_missing_is_counted(tmp_path: Path) -> None:
+    full, read_fifo = tmp_path / 'full', tmp_path / 'full.read'
+    os.mkfifo(read_fifo)
+    reading, writing = os.pipe()
+    process = logged_python_process(['-c', _PRINTER, str(full)], writing)
+    os.close(writing)
+    try:
+        wait_until(full.exists)
+        open(read_fifo, 'w').close()  # noqa: PTH123
+        with os.fdopen(reading, 'rb') as output:
+            *lines, last = output.read().decode().splitlines()
+        printed = [line for line in lines if re.fullmatch('[0-9]+ y{5000}', line)]
+        (dropped,) = [line for line in lines if line not in printed]
+        assert dropped == f'... {400 - len(printed)} lines dropped: nobody read this output'
+        assert (last, process.wait()) == ('after', 0)
+    finally:
+        process.kill()
+
+
+def _ends(kind: str) -> tuple[int, int]:
+    """Descriptors to read what is written to the other one."""
+    if kind == 'socket':
+        reading, writing = socket.socketpair()
+        return reading.detach(), writing.detach()
+    return os.pipe() if kind == 'pipe' else pty.openpty()
 
 
 def _read_until(file: int, *texts: bytes) -> bytes:

@@ -36,6 +36,9 @@ AVAILABLE: Final = hasattr(os, 'pidfd_open')
 _MAX_REQUEST: Final = 1_000_000
 _NODES: Final = ('flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
 """Where the modules are whose programs no signal interrupts: their locks are watched."""
+_KEEP_STACKS: Final = f'glibc.pthread.stack_cache_size={1 << 40}'
+"""LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads of
+its own, the C library gives the memory of those back, and the fork would end by a segmentation fault."""
 _READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
 """What the names of such variables begin with. A process reads the others when it needs them, as ROS_DOMAIN_ID."""
 
@@ -94,7 +97,11 @@ class ForkServer:
             words = [sys.executable, '-m', __name__, str(other.fileno()), *modules]
             # Of a session of its own: Ctrl-C in the terminal is for whoever asks, who then ends what it has started.
             self._process = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, pass_fds=[other.fileno()], start_new_session=True
+                words,
+                stdin=subprocess.DEVNULL,
+                pass_fds=[other.fileno()],
+                start_new_session=True,
+                env={**os.environ, 'GLIBC_TUNABLES': _KEEP_STACKS},
             )
 
     def start(
