@@ -52,7 +52,7 @@ from .resources import shared_resources
 
 _NO_SKILLS: Final = SkillLibrary()
 
-HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries')
+HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries', 'waypoint_statuses')
 """Keys that the BT server writes before it runs a tree, as Nav2 does."""
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Collection, Iterator
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
 from flexbt_core.behavior_tree import (
@@ -136,22 +138,32 @@ def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
     planned to see whether there is one is no such write, nor what is read in another place of the same sub-tree.
     """
     needed = {_output(place) for usage in usages if usage.is_read for place in usage.writers}
-    readers = [(place, usage) for usage in usages for place in usage.readers]
-    readers.sort(key=lambda one: one[0].number)
+    readers: dict[tuple[str, str], list[tuple[int, Place, EntryUsage]]] = {}
     for usage in usages:
-        if usage.is_read:
-            continue
-        for writer in usage.writers:
-            kind = None if _output(writer) in needed else _kind(writer)
-            following = (one for one in readers if one[0].number > writer.number and _kind(one[0]) == kind)
-            reader, other = next(following, (None, None))
-            if kind is None or reader is None or other is None:
+        for place in usage.readers:
+            if (kind := _kind(place)) is not None:
+                readers.setdefault(kind, []).append((place.number, place, usage))
+    for alike in readers.values():
+        alike.sort(key=itemgetter(0))
+    for usage in usages:
+        for writer in () if usage.is_read else usage.writers:
+            kind = _kind(writer)
+            alike = readers.get(kind, []) if kind is not None and _output(writer) not in needed else []
+            following = bisect_right(alike, writer.number, key=itemgetter(0))
+            if following == len(alike):
                 continue
-            is_made_of_it = any(one.number == writer.number for one in other.readers)
-            has_its_name = writer.use.key == reader.use.key and any(one.number < writer.number for one in other.writers)
-            is_newer = any(writer.number <= one.number < reader.number for one in other.writers)
-            if (is_made_of_it or has_its_name) and not is_newer:
+            number, reader, other = alike[following]
+            written = _last_before(number, other.writers)
+            is_made_of_it = _last_before(writer.number + 1, other.readers) == writer.number
+            has_its_name = writer.use.key == reader.use.key and written >= 0
+            if written < writer.number and (is_made_of_it or has_its_name):
                 yield LostWrite(usage.entry, writer, reader)
+
+
+def _last_before(number: int, places: Sequence[Place]) -> int:
+    """Return the number of the last of the places before a number; -1 for none. They are in the order of theirs."""
+    index = bisect_left(places, number, key=attrgetter('number'))
+    return places[index - 1].number if index else -1
 
 
 def _output(place: Place) -> tuple[int, str]:

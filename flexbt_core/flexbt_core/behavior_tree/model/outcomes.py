@@ -78,7 +78,7 @@ class Outcomes(ABC):
         return child - 1 if child else None
 
 
-def milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
+def _milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
     """Return the time that a port of milliseconds has in the file, s; None when it is not known before a run."""
     value = values[port].literal if port in values else None
     return value / 1000.0 if isinstance(value, int) else None
@@ -215,7 +215,7 @@ class Exchanged(Outcomes):
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         # After a child that was skipped the delay is over, also when the node begins anew.
-        delay = 0.0 if SKIPPED in children[0] else milliseconds(values, self.delay) or 0.0
+        delay = 0.0 if SKIPPED in children[0] else _milliseconds(values, self.delay) or 0.0
         results: dict[NodeStatus, float] = {}
         for result, time in children[0].items():
             _earlier(results, self._exchanged()[result], delay + time)
@@ -304,7 +304,7 @@ class TimeLimit(Outcomes):
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         limit = self.limit(values, children[0])
         results = {result: time for result, time in children[0].items() if limit is None or time < limit}
-        if milliseconds(values, self.port) != 0.0:
+        if _milliseconds(values, self.port) != 0.0:
             _earlier(results, FAILURE, limit or 0.0)
         return Earliest(results, (0.0,))
 
@@ -314,5 +314,5 @@ class TimeLimit(Outcomes):
         That is so when the time is not known before a run, and when the child may be skipped before: in a tick that
         finds it so there is no limit any more.
         """
-        limit = milliseconds(values, self.port)
+        limit = _milliseconds(values, self.port)
         return limit if limit and limit <= child.get(SKIPPED, math.inf) else None
