@@ -123,7 +123,7 @@ def _title(run: TreeRun) -> str:
     if run.paused:
         state, tone = 'paused', Tone.WARNING
     if run.server_gone:
-        state, tone = 'SERVER GONE: as it was last', Tone.ERROR
+        state, tone = 'SERVER GONE: last state', Tone.ERROR
     left_out = f'  {run.left_out} more nodes left out' if run.left_out else ''
     return Line(f'tree {one_line(run.tree)}  {state}{left_out}', tone)
 

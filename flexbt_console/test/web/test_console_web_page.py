@@ -145,8 +145,9 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         robot.mirror.receive_tree_status('t', 2, statuses, changes, 6.0, finished=False, paused=False)
         browser.until(lambda: 'failure' in browser.run(classes, 't0n2'))
         assert '✗' in browser.run('return document.querySelector(`[id="t0n2"]`).textContent')
-        robot.show(PLAN, peers=(Peer('/bt_server', alive=False, since=7.0),))
-        browser.until_text('trees', 'Drive: SERVER GONE, as it was last')
+        driving = ActiveState('/Drive', progress=Progress(distance=1.0))
+        robot.show(PLAN, active_states=(driving,), peers=(Peer('/bt_server', alive=False, since=7.0),))
+        browser.until_text('trees', 'Drive: SERVER GONE: last state')
         assert browser.run('return getComputedStyle(document.querySelector("#trees .gone > div")).opacity') == '0.45'
         # The map has walls, the plan and the robot: the canvas has their colours.
         colours = browser.run(

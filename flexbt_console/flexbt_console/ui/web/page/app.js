@@ -110,7 +110,7 @@ function drawTrees() {
       pane = element('div', {'data-id': tree.id, class: 'tree'}, element('p', {'aria-live': 'polite'}), element('div', {}));
     }
     const {paused, server_gone: gone, leaves} = known.tree_states[tree.id];
-    const acts = gone ? 'SERVER GONE, as it was last' : leaves.length ? `▶ ${leaves.join(', ')}` : 'no leaf runs';
+    const acts = gone ? 'SERVER GONE: last state' : leaves.length ? `▶ ${leaves.join(', ')}` : 'no leaf runs';
     const text = `${tree.tree}${paused && !gone ? ' (paused)' : ''}: ${acts}`;
     pane.classList.toggle('gone', gone);
     if (pane.firstElementChild.textContent !== text) pane.firstElementChild.textContent = text;
