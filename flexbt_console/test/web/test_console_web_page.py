@@ -27,6 +27,7 @@ from flexbt_console.mirror import (
     NodeStatus,
     Peer,
     Pose,
+    Progress,
     StatusChange,
     Subject,
     Subjects,
