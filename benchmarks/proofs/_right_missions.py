@@ -209,6 +209,34 @@ TREES: Final = (
         'FollowPath only after ControllerSelector',
     ),
     _trees(
+        'what is left of a tour',
+        """<BehaviorTree ID="Main"><RetryUntilSuccessful num_attempts="3"><Sequence>
+          <RemovePassedGoals input_goals="{goals}" output_goals="{left}" radius="0.7"/>
+          <ComputePathThroughPoses goals="{left}" path="{path}"/>
+          <TruncatePath distance="1.0" input_path="{path}" output_path="{short}"/>
+          <FollowPath path="{short}"/>
+          <Timeout msec="9000"><Sequence>
+            <Wait name="settle" wait_duration="2"/><Spin name="look" spin_dist="1.57"/>
+            <Delay delay_msec="3000"><Wait name="listen" wait_duration="1"/></Delay>
+          </Sequence></Timeout>
+        </Sequence></RetryUntilSuccessful></BehaviorTree>""",
+        'RemovePassedGoals has input_goals={goals}',
+        'ComputePathThroughPoses has goals={left}',
+        'ComputePathThroughPoses only after RemovePassedGoals > SUCCESS, each time anew',
+        'ComputePathThroughPoses at most 3 times',
+        'TruncatePath has input_path={path}',
+        'TruncatePath only after ComputePathThroughPoses > SUCCESS, each time anew',
+        'FollowPath has path={short}',
+        'FollowPath only after TruncatePath > SUCCESS, each time anew',
+        'settle only after FollowPath > SUCCESS, each time anew',
+        'look only after settle > SUCCESS, each time anew',
+        'listen only after look > SUCCESS, each time anew',
+        'Timeout has msec=9000',
+        '=SUCCESS only after listen > SUCCESS',
+        'after look > FAILURE, RemovePassedGoals before the end, up to 3 times',
+        'after listen > FAILURE, RemovePassedGoals before the end, up to 3 times',
+    ),
+    _trees(
         'wait for a pose, then go',
         """<BehaviorTree ID="Main"><Sequence>
           <Timeout msec="5000"><RetryUntilSuccessful num_attempts="-1"><Fallback>
@@ -391,7 +419,7 @@ machine:
       autonomy: {failed: low}
     Recover:
       state: BtExecuteState
-      parameters: {bt_file: flexbt_demo_behaviors/trees/recovery.xml}
+      parameters: {bt_file: flexbt_demo_behaviors/trees/recovery.xml, timeout: 120.0}
       transitions: {done: Drive, canceled: failed, failed: failed}
       autonomy: {failed: high}
 """,

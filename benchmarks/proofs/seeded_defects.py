@@ -4,8 +4,9 @@
 The missions are trees and machines of several designs, each with what its engineer requires of it. A defect is one
 change at a random place: children that are swapped, another control, a node or state that is left out, keys that are
 crossed, a wrong remapping, sub-tree, tree or transition, an attempt, decorator, output key, approval or condition that
-is missing. What makes no difference is no defect: both versions are followed side by side, with all inputs, and those
-that do the same are left out.
+is missing, a key that nothing writes, an output that nobody gets, a time limit that is too short. What makes no
+difference is no defect: both versions are followed side by side, with all inputs, and those that do the same are left
+out.
 
 Right variants must give no alarm: the missions, Nav2's small trees, and the missions written otherwise. Such a rewrite
 is drawn at random, too, and taken when both versions do the same.
@@ -181,6 +182,44 @@ def _forgiven(parent: Element, place: int, chance: random.Random, root: Element)
     return True
 
 
+def _unwritten(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
+    """An input is read from a key that nothing writes."""
+    names = _given(parent[place], readable=True)
+    if not names:
+        return False
+    parent[place].set(chance.choice(names), '{wanted}')
+    return True
+
+
+def _lost_output(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
+    """What a node makes goes to a key that nothing reads."""
+    names = [name for name in _given(parent[place], readable=False) if not name.startswith('error_')]
+    if not names:
+        return False
+    parent[place].set(chance.choice(names), '{spare}')
+    return True
+
+
+def _given(node: Element, *, readable: bool) -> list[str]:
+    """The ports of a leaf that point to keys, and are read, or only written."""
+    manifest = _registry().get(node.tag)
+    ports = manifest.ports if not len(node) and node.tag != 'SubTree' else {}
+    return [
+        name
+        for name, text in node.attrib.items()
+        if text.startswith('{') and name in ports and ports[name].readable is readable
+    ]
+
+
+def _short_limit(parent: Element, place: int, chance: random.Random, root: Element) -> bool:
+    """A time limit is in another unit: seconds for milliseconds."""
+    node = parent[place]
+    if node.tag != 'Timeout' or int(node.get('msec', '0')) < 1000:
+        return False
+    node.set('msec', str(int(node.get('msec', '0')) // 1000))
+    return True
+
+
 OF_TREES: Final[dict[str, Change]] = {
     'swapped children': _swapped,
     'changed control': _control,
@@ -193,6 +232,9 @@ OF_TREES: Final[dict[str, Change]] = {
     'wrong sub-tree': _wrong_sub_tree,
     'inverted condition': _inverted,
     'forgiven failure': _forgiven,
+    'unwritten key': _unwritten,
+    'lost output': _lost_output,
+    'short time limit': _short_limit,
 }
 
 
@@ -312,6 +354,15 @@ def _state_type(machine: Node, label: str, chance: random.Random) -> bool:
     return True
 
 
+def _short_time(machine: Node, label: str, chance: random.Random) -> bool:
+    """A tree is given up before it can be done."""
+    given = machine['states'][label].get('parameters', {})
+    if 'timeout' not in given:
+        return False
+    given['timeout'] = given['timeout'] / 1000.0
+    return True
+
+
 OF_MACHINES: Final[dict[str, Callable[[Node, str, random.Random], bool]]] = {
     'wrong transition': _target,
     'exchanged outcomes': _exchanged,
@@ -323,6 +374,7 @@ OF_MACHINES: Final[dict[str, Callable[[Node, str, random.Random], bool]]] = {
     'wrong tree': _wrong_tree,
     'left out state': _without_state,
     'wrong state': _state_type,
+    'short time': _short_time,
 }
 
 
