@@ -415,6 +415,11 @@ class ExecutiveEvent:
     run_id: str = ''
     stamp: float = 0.0
 
+    @property
+    def is_in_log(self) -> bool:
+        """Return whether a line of the log says the same: that of a note."""
+        return self.command == 'NOTE' and self.applied
+
 
 @dataclass(frozen=True, slots=True)
 class InputValue:

@@ -89,7 +89,8 @@ class Follower:
         for event in happened:
             if (event.executive_id, event.sequence) not in self._told:
                 name = event.kind.name.lower()
-                is_told = event.kind is EventKind.COMMAND  # what a transition leads to, the status tells
+                # What a transition leads to, the status tells.
+                is_told = event.kind is EventKind.COMMAND and not event.is_in_log
                 events.append(Event(name, {name: event}, [event_line(event)] if is_told else []))
         self._told = {(event.executive_id, event.sequence) for event in happened}
         if view.snapshot is not None and (before is None or _essence(before) != _essence(view)):

@@ -224,6 +224,14 @@ def test_a_command_of_another_operator_is_told_with_what_it_is_about() -> None:
     assert event_line(event) == 'bob: start Navigate: applied'
     refused = replace(event, command='AUTONOMY', target='2', path='/Drive', applied=False, reason='ann has it')
     assert event_line(refused) == 'bob: autonomy 2 /Drive: refused: ann has it'
+    scene = Scene()
+    scene.mirror.receive_log(LogLine('e', 1, Severity.INFO, 'bob notes: all is well'))
+    noted = replace(event, sequence=2, command='NOTE', target='', text='all is well')
+    scene.mirror.receive_events([event, noted])
+    told = scene.show(RUNNING)
+    assert 'bob: start Navigate: applied' in told and [line for line in told if 'all is well' in line] == [
+        'log: bob notes: all is well'
+    ]
 
 
 class FakeTerminal(io.StringIO):

@@ -99,8 +99,9 @@ class Overview(ModalScreen[str | None]):
             robots, columns, rows = self._filter(), self.size.width, self.size.height
             needing = sum(one.needs_operator for one in self._robots())
             unreachable = sum(one.is_unreachable for one in self._robots())
-            left_out = ''.join(f'  {text}' for text in left_out_text(self._fleet.left_out))
-            head = f' robots: {len(robots)}  need you: {needing}  unreachable: {unreachable}{left_out}  (type to find)'
+            beside = [f'unreachable: {unreachable}'] * bool(unreachable) + left_out_text(self._fleet.left_out)
+            counts = '  '.join([f'robots: {len(robots)}', f'need you: {needing}', *beside])
+            head = f' {counts}  (type to find)'
             field.placeholder = cut(head, columns - 1)
             lines: list[str] = []
             place = 0

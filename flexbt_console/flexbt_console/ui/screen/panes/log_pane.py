@@ -73,7 +73,8 @@ class LogPane:
 
     def _lines(self, mirror: Mirror, count: int) -> list[str]:
         """The latest lines, of each kind so many at most; what became of one's own commands is told already."""
-        events = [event for event in mirror.events(max(1, count)) if event.operator != self._operator]
+        known = mirror.events(max(1, count))
+        events = [event for event in known if event.operator != self._operator and not event.is_in_log]
         merged: list[tuple[float, int, Sequence[str]]] = [
             *((line.stamp, 0, log_lines(line, with_time=True)) for line in mirror.log(max(1, count))),
             *((event.stamp, 0, [event_line(event, with_time=True)]) for event in events),
