@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Final
 
 OCCUPIED: Final = 65
 """Percent from which on a cell of a map is occupied (nav_msgs/OccupancyGrid, map_server)."""
+
+_IS_OCCUPIED: Final = bytes(OCCUPIED <= cell <= 100 for cell in range(256))
 
 Points = tuple[tuple[float, float], ...]
 """Points in the frame of the map, m."""
@@ -26,11 +29,11 @@ class GridMap:
     y: float
     cells: bytes
 
-    def is_occupied(self, column: int, row: int) -> bool:
-        """Whether a cell is occupied; what is outside is not."""
-        if not (0 <= column < self.width and 0 <= row < self.height):
-            return False
-        return OCCUPIED <= self.cells[row * self.width + column] <= 100
+    def occupied_columns(self, row: int) -> Iterator[int]:
+        """Return the columns of the occupied cells of a row, which has none outside the map."""
+        first = row * self.width
+        cells = self.cells[first : first + self.width] if 0 <= row < self.height else b''
+        return compress(range(self.width), cells.translate(_IS_OCCUPIED))
 
     @property
     def size(self) -> tuple[float, float]:

@@ -220,16 +220,17 @@ def where_text(view: View) -> str:
 def _wall_dots(map: GridMap, frame: Frame) -> Iterable[tuple[int, int]]:
     count = min(_SAMPLES, max(1, math.ceil(frame.step / map.resolution)))
     offsets = [(number + 0.5) / count * frame.step for number in range(count)]
-    columns = [
-        {math.floor((frame.x + column * frame.step + offset - map.x) / map.resolution) for offset in offsets}
-        for column in range(2 * frame.columns)
-    ]
+    dots: dict[int, list[int]] = {}  # by column of the map, the columns of the dots that it is in
+    for column in range(2 * frame.columns):
+        left = frame.x + column * frame.step
+        for cell in {math.floor((left + offset - map.x) / map.resolution) for offset in offsets}:
+            dots.setdefault(cell, []).append(column)
     for row in range(4 * frame.rows):
         bottom = frame.y + (4 * frame.rows - 1 - row) * frame.step
-        lines = {math.floor((bottom + offset - map.y) / map.resolution) for offset in offsets}
-        for column, cells in enumerate(columns):
-            if any(map.is_occupied(cell, line) for line in lines for cell in cells):
-                yield column, row
+        for line in {math.floor((bottom + offset - map.y) / map.resolution) for offset in offsets}:
+            for cell in map.occupied_columns(line):
+                for column in dots.get(cell, ()):
+                    yield column, row
 
 
 def _met(scan: Iterable[Point], walls: frozenset[tuple[int, int]], frame: Frame) -> Iterable[tuple[int, int]]:
