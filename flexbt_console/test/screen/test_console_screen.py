@@ -66,7 +66,7 @@ from flexbt_console.mirror import (
 )
 from flexbt_console.pictures import ASCII, UNICODE, acting_lines, width
 from flexbt_console.present import Tone, alarm_line, tone_of
-from flexbt_console.ui.interaction import KEYS, Attention, Key, Station
+from flexbt_console.ui.interaction import KEYS, Attention, Station
 from flexbt_console.ui.screen import OperatorScreen, run_screen
 from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage
 from flexbt_console.ui.screen.overview import Overview
@@ -96,6 +96,9 @@ STRUCTURE = Structure(
     ),
 )
 RUNNING = [NodeStatus.RUNNING] * 2
+ROOM = GridMap(
+    80, 60, 0.05, 0.0, 0.0, bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
+)
 SIZES = [(120, 36), (80, 24), (40, 12), (20, 5), (200, 60)]
 
 
@@ -143,8 +146,7 @@ class Robot:
         parameters = (BehaviorParameter('speed', 'float', '0.3'), BehaviorParameter('room', choices=('a', 'b')))
         self.mirror.receive_structure(STRUCTURE)
         self.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=parameters),)))
-        walls = bytes(100 if x in (0, 79) or y in (0, 59) else 0 for y in range(60) for x in range(80))
-        self.mirror.receive_map(GridMap(80, 60, 0.05, 0.0, 0.0, walls))
+        self.mirror.receive_map(ROOM)
         self.mirror.receive_plan(((2.0, 2.0), (3.0, 1.0)))
         nodes = [TreeNode(1, 0, 'Main', 'Sequence'), TreeNode(2, 1, 'FollowPath', 'FollowPath')]
         nodes.append(TreeNode(3, 1, 'IsFar', 'IsFar', kind=NodeKind.CONDITION))
@@ -1660,45 +1662,44 @@ FOOTERS: list[tuple[tuple[Decision, ...], dict[str, Any], tuple[str, ...], str |
 def test_each_key_of_the_footer_does_something_when_it_is_bold_and_says_why_not_otherwise(
     decisions: tuple[Decision, ...], parts: dict[str, Any], before: tuple[str, ...], operator: str | None
 ) -> None:
-    def run(steps: Callable[[OperatorScreen, Pilot[None]], Awaitable[None]]) -> None:
-        robots = FakeRobots(2)
-        robot = robots.robots['/robot00']
-        robot.operator = operator
+    robots, layout = FakeRobots(len(KEYS) + 1), Layout()
+    own, *others = robots.robots
+    robots.robots[own].operator = operator
+    for robot in robots.robots.values():
         robot.show(*decisions, **parts)
 
-        async def begun(app: OperatorScreen, pilot: Pilot[None]) -> None:
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        async def begin() -> dict[str, bool]:
+            """What is bold in the footer, and what is not."""
             await pilot.press(*before)
-            app.draw()
-            await pilot.pause()
-            await steps(app, pilot)
+            await seen(robots.robots[own], pilot)
+            text = app.query_one('#keys', Pane)._text
+            spans = {text.plain[span.start : span.end].strip(): span.style == 'bold' for span in text.spans}
+            return {key.shown: spans[key.shown] for key in KEYS if key.shown in spans}
 
-        on_screen(robot, begun, (200, 30), robots)
-
-    footer: dict[str, bool] = {}
-
-    async def read(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        text = app.query_one('#keys', Pane)._text
-        for span in text.spans:
-            if (shown := text.plain[span.start : span.end].strip()) in [key.shown for key in KEYS]:
-                footer[shown] = span.style == 'bold'
+        footer = await begin()
         bar = app.query_one('#decision', Pane)._text.plain
         assert not footer.get('Enter') or 'Enter' in bar or '":" types' in bar  # the bar says what Enter does
-
-    run(read)
-    assert {'! F8', ':', '?', 'q'} <= footer.keys()
-    refused: dict[str, bool] = {}
-    for shown in footer:
-        (key,) = (key for key in KEYS if key.shown == shown)
-
-        async def press(app: OperatorScreen, pilot: Pilot[None], key: Key = key) -> None:
+        assert {'! F8', ':', '?', 'q'} <= footer.keys()
+        refused: dict[str, bool] = {}
+        pressed = sorted((key for key in KEYS if key.shown in footer), key=lambda key: key.action == 'leave')
+        for key, other in zip(pressed, others, strict=False):
+            app.switch(other)  # at which nothing was done yet
+            layout.focused, layout.is_enlarged, layout.hidden = '', False, set()
+            await seen(robots.robots[own], pilot)
+            assert await begin() == footer
+            app.draw()  # what is to be told of the robot before
             told = len(app._panes.log.told)
             await pilot.press('1' if key.action == 'pick' else key.keys[0])
             await pilot.pause()
             warned = [line for line in app._panes.log.told[told:] if tone_of(line) is Tone.WARNING]
             refused[key.shown] = bool(warned) and 'q again' not in warned[0]
+            if app.is_running:
+                await pilot.press('escape')
+                assert len(app.screen_stack) == 1
+        assert footer == {shown: not is_refused for shown, is_refused in refused.items()}
 
-        run(press)
-    assert footer == {shown: not is_refused for shown, is_refused in refused.items()}
+    on_screen(robots.robots[own], steps, (200, 30), robots, layout)
 
 
 @pytest.mark.parametrize('size', [(80, 24), (120, 36)])
