@@ -28,7 +28,7 @@ def findings_of(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibra
     """What is found. ``skills`` are those of the leaves, and those that files declare."""
     needs: dict[str, Users] = {}  # by path
     lasting: dict[str, tuple[str, float]] = {}  # by path: the tree, and the least time until it succeeds
-    of_trees, times = tree_resources(trees.library, skills), least_times(trees.library)
+    of_trees, times = tree_resources(trees.library, skills), least_times(trees.library, skills)
     for use in trees.uses:
         if use.key is not None:
             lasting[use.path] = f'its tree {use.key.id}', times[use.key]

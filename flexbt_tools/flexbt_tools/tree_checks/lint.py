@@ -68,7 +68,7 @@ def findings(
         yield from (Diagnostic(ODDITY, warning) for warning in document.warnings)
     yield from _incomplete(library)
     yield from unreachable_children(library)
-    yield from short_limits(library)
+    yield from short_limits(library, skills)
     yield from shared_resources(library, skills)
     yield from _unused_trees(library)
     yield from _unused_ports(library)

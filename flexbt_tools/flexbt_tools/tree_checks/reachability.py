@@ -21,9 +21,11 @@ from flexbt_core.behavior_tree.model import (
     Results,
     TimeLimit,
 )
+from flexbt_core.skills import SkillLibrary
 from flexbt_tools.trees import sub_trees_first
 
 from .diagnostics import TOO_SHORT, UNREACHABLE, Diagnostic
+from .resources import skill_of
 
 _ANYTHING: Final = OneOf((SUCCESS, FAILURE, RUNNING, SKIPPED))
 _ANYTHING_AT_ONCE: Final = OneOf((SUCCESS, FAILURE, SKIPPED))
@@ -106,18 +108,17 @@ def incompleteness(node: NodeDefinition) -> str:
 
 # -- time --------------------------------------------------------------------------------------------------------------
 
-_LEAF: Final = OneOf((SUCCESS, FAILURE))
-"""A leaf of which nothing is known, for which a proof tries the same."""
 
-
-def least_times(library: TreeLibrary) -> dict[TreeKey, float]:
+def least_times(library: TreeLibrary, skills: SkillLibrary) -> dict[TreeKey, float]:
     """Return the least time that each tree takes until it succeeds, s; infinity for one that never does."""
-    return {key: earliest[id(tree.root)].results.get(SUCCESS, math.inf) for key, tree, earliest in _times(library)}
+    return {
+        key: earliest[id(tree.root)].results.get(SUCCESS, math.inf) for key, tree, earliest in _times(library, skills)
+    }
 
 
-def short_limits(library: TreeLibrary) -> Iterator[Diagnostic]:
+def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnostic]:
     """Return a finding for each time limit that is over before what it is of can succeed, or a part of that begins."""
-    for _, tree, earliest in _times(library):
+    for _, tree, earliest in _times(library, skills):
         for node in tree.nodes():
             rule = _rule(node)
             if not isinstance(rule, TimeLimit):
@@ -144,20 +145,26 @@ def short_limits(library: TreeLibrary) -> Iterator[Diagnostic]:
                     break
 
 
-def _times(library: TreeLibrary) -> Iterator[tuple[TreeKey, TreeDefinition, Mapping[int, Earliest]]]:
-    """All trees, and when what can happen in them at the earliest, by the ``id`` of each node."""
+def _times(
+    library: TreeLibrary, skills: SkillLibrary
+) -> Iterator[tuple[TreeKey, TreeDefinition, Mapping[int, Earliest]]]:
+    """All trees, and when what can happen in them at the earliest, by the ``id`` of each node.
+
+    Of a leaf without a rule a proof tries the same: it succeeds, after the time that its skill says, or fails.
+    """
     known: dict[TreeKey, Mapping[NodeStatus, float]] = {}
     for key in sub_trees_first(library):
         tree = library.definition(key)
         earliest: dict[int, Earliest] = {}
         for node in reversed(list(tree.nodes())):
             target = library.find(node.tree_id, key.file) if node.tree_id is not None else None
+            skill = skill_of(node, skills) if node.manifest.outcomes is None else None
             if target is not None:
                 own = Earliest(known[target], ())
+            elif skill is not None:
+                own = Earliest({SUCCESS: skill.duration[0], FAILURE: 0.0}, ())
             else:
-                is_leaf = node.manifest.kind in (NodeKind.ACTION, NodeKind.CONDITION)
-                rule = _LEAF if is_leaf and node.manifest.outcomes is None else _rule(node)
-                own = rule.earliest(node.values, [earliest[id(child)].results for child in node.children])
+                own = _rule(node).earliest(node.values, [earliest[id(child)].results for child in node.children])
             at_once = {result: 0.0 for attribute, result in _CONDITIONS.items() if attribute in node.conditions}
             earliest[id(node)] = own._replace(results={**own.results, **at_once})
         known[key] = earliest[id(tree.root)].results

@@ -43,7 +43,7 @@ def _trees(library: TreeLibrary, skills: SkillLibrary) -> Iterator[tuple[TreeKey
                 needs[id(node)] = known[target] if target is not None else {}
                 continue
             children = [needs[id(child)] for child in node.children]
-            own = _skill(node, skills)
+            own = skill_of(node, skills)
             needs[id(node)] = _united(children, node, own)
             node_class = node.manifest.node_class
             if issubclass(node_class, ControlNode) and node_class.runs_several:
@@ -65,7 +65,8 @@ def _united(children: list[Resources], node: NodeDefinition, skill: Skill | None
     return united
 
 
-def _skill(node: NodeDefinition, skills: SkillLibrary) -> Skill | None:
+def skill_of(node: NodeDefinition, skills: SkillLibrary) -> Skill | None:
+    """Return the skill of a leaf: of a file, or of its class; None when it is no leaf."""
     return skills.skills.get(node.manifest.id) or node_skill(node.manifest)
 
 

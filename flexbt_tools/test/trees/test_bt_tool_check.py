@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, SyncAction, input_port, output_port
+from flexbt_core.behavior_tree import NodeRegistry, NodeStatus, StatefulAction, SyncAction, input_port, output_port
 from flexbt_core.behavior_tree.model import DOUBLE, INT, STRING, PortType
+from flexbt_core.skills import Skill
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, document, tool, without_marks
 from flexbt_tools.tree_checks import REFUSED, check_trees
@@ -45,6 +46,20 @@ class Use(SyncAction):
         return NodeStatus.SUCCESS
 
 
+class Drill(StatefulAction):
+    """Takes its time."""
+
+    skill = Skill.of(duration=(20.0, None))
+
+    def on_start(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    on_running = on_start
+
+    def on_halted(self) -> None:
+        pass
+
+
 class Change(SyncAction):
     """Makes something else of what it is given."""
 
@@ -60,6 +75,7 @@ def registry() -> NodeRegistry:
     nodes.register('Make', Make)
     nodes.register('Use', Use)
     nodes.register('Change', Change)
+    nodes.register('Drill', Drill)
     return nodes
 
 
@@ -281,7 +297,7 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         'a time limit that is too short',
         (
             'Main: <Fallback>^<Timeout msec="1000"><Wait wait_duration="5"/></Timeout>'
-            '^<Timeout msec="1000"><SubTree ID="S"/></Timeout>'
+            '^<Timeout msec="1000"><SubTree ID="S"/></Timeout>^<Timeout msec="9000"><Drill/></Timeout>'
             '^<Timeout msec="1000"><Delay delay_msec="5000"><Use/></Delay></Timeout>'
             '^<Timeout msec="1000"><Sequence><Sleep msec="600"/><Use/><Sleep msec="600"/></Sequence></Timeout>'
             '</Fallback>',
@@ -290,6 +306,7 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         [
             'too-short it can never succeed: <Wait> takes 5 s, and is ended after 1 s',
             "too-short it can never succeed: <SubTree 'S'> takes 6 s, and is ended after 1 s",
+            'too-short it can never succeed: <Drill> takes 20 s, and is ended after 9 s',
             'too-short it can never succeed: <Delay> takes 5 s, and is ended after 1 s',
             'too-short it can never succeed: what is in it takes 1.2 s at least, and is ended after 1 s',
         ],
