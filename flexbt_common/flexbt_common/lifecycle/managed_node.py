@@ -37,6 +37,7 @@ from rclpy.task import Future
 from flexbt_common.liveness import LivelinessToken
 from flexbt_common.runtime import NodeRuntime, refuse_while_configured, run_node
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import one_line
 
 from .diagnostics import DiagnosticsPublisher, diagnostic_status
 from .lifecycle_node import OpenLifecycleNode
@@ -87,9 +88,10 @@ def inactive(node: Node) -> str:
 
 def unconfigured(node: Node) -> str:
     """Why a node that is not configured refuses to work; follows a subject."""
-    return (
-        f'is unconfigured; configure and activate it (ros2 lifecycle set {node.get_fully_qualified_name()} configure)'
-    )
+    error = node.error if isinstance(node, ManagedNode) else None
+    why = '' if error is None else f' because of an error: {one_line(str(error) or type(error).__name__, 1000)}'
+    name = node.get_fully_qualified_name()
+    return f'is unconfigured{why}; configure and activate it (ros2 lifecycle set {name} configure)'
 
 
 class ManagedNode(OpenLifecycleNode):
@@ -125,19 +127,27 @@ class ManagedNode(OpenLifecycleNode):
         self._scope = NodeScope(runtime)
         runtime.on_close(self._end)
         if not is_automatic:
-            waiting(self._scope)
             try:
                 runtime.call(lambda: parameters(self))
             except FlexbtError as error:
-                self.get_logger().warning(f'cannot be configured so: {error}')
+                self._error = error
                 runtime.are_parameters_declared = False
-            self.get_logger().info('unconfigured; waits for a lifecycle manager (autostart is off)')
+            waiting(self._scope)
+            if self._error is None:
+                self.get_logger().info('unconfigured; waits for a lifecycle manager (autostart is off)')
+            else:
+                self.get_logger().warning(f'cannot be configured so: {self._error}')
         self._is_managed.set()
         if not is_automatic:
             return
         self._transitions.submit(self._start).result()
         if self._error is not None:
             raise self._error
+
+    @property
+    def error(self) -> Exception | None:
+        """Error of the last transition, or of the parameters; None if there was none."""
+        return self._error
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
@@ -162,6 +172,8 @@ class ManagedNode(OpenLifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """For rclpy."""
+        if self._is_starting:  # the process ends: nobody is to configure it
+            return TransitionCallbackReturn.SUCCESS
         try:
             self._enter(self._waiting)
         except Exception as error:

@@ -35,10 +35,15 @@ from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import rclpy
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionClient, ActionServer
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterNotDeclaredException,
+)
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -57,8 +62,15 @@ from .fastdds_shutdown import end_callbacks
 from .health import Hang, Health
 from .large_messages import release_large_messages
 from .node_executor import NodeExecutor, StockNodeExecutor, make_executor
-from .node_log import NodeLogger, RepeatedReports, StandardStreams
-from .parameters import bounded, is_parameter_service, refusal, unknown_parameters
+from .node_log import NodeLogger, RepeatedReports, StandardStreams, watchdog_descriptor
+from .parameters import (
+    bounded,
+    is_parameter_service,
+    refused_declaration,
+    refused_setting,
+    undeclared,
+    unknown_parameters,
+)
 from .qos_misfits import QosMisfits
 from .received_messages import COMPLAINT_SECONDS
 from .ros_clock import RosClock
@@ -120,6 +132,33 @@ class DeepNode(Node):
         watched = self.qos_misfits.watched(events, topic)
         with self._told_types(msg_type, topic):
             return super().create_publisher(msg_type, topic, *args, event_callbacks=watched, **options)
+
+    def declare_parameters(self, namespace: str, parameters: Any, ignore_override: bool = False) -> list[Parameter]:
+        """See :meth:`rclpy.node.Node.declare_parameters`. A refusal says what to write instead."""
+        declared = [(*one, ParameterDescriptor()) if len(one) == 2 else one for one in parameters]
+        try:
+            return list(super().declare_parameters(namespace, declared, ignore_override))
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            given = {} if ignore_override else rclpy_private.given_parameters(self)
+            whole = [one for one in declared if len(one) == 3]
+            why = refused_declaration(f'{namespace}.' if namespace else '', whole, given)
+            error.args = (why,) if why else error.args
+            raise
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """See :meth:`rclpy.node.Node.set_parameters_atomically`. A refusal says what to write instead."""
+        try:
+            result = super().set_parameters_atomically(parameter_list)
+        except ParameterNotDeclaredException as error:
+            error.args = (undeclared(self, parameter_list),)
+            raise
+        if not result.successful:
+            result.reason = refused_setting(self, parameter_list) or result.reason
+        return result
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """See :meth:`rclpy.node.Node.set_parameters`. A refusal says what to write instead."""
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     @contextlib.contextmanager
     def _told_types(self, msg_type: Any, topic: str) -> Iterator[None]:
@@ -624,7 +663,7 @@ def run_node(
             runtime.post(partial(_tell_unknown_parameters, runtime))
             gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
         except Exception as error:
-            reason = refusal(error) if isinstance(error, ParameterException) else error or type(error).__name__
+            reason = str(error) or type(error).__name__
             print(*lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
@@ -678,7 +717,7 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
     # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and tells where. It
     # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
     with contextlib.suppress(RuntimeError):
-        faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=2)
+        faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())
     gc.unfreeze()  # the default context finds its nodes among what the collector knows
     runtime.close()
     gc.freeze()  # else the interpreter collects it at its end, and destructors of the middleware may wait for ever

@@ -3,11 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterValue,
+    SetParametersResult,
+)
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -16,13 +23,13 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flexbt_common.errors import ResourceError, UnfitParameterError
-from flexbt_core.values import hint, shown
+from flexbt_core.values import YamlError, hint, load_yaml, shown
 
 from .rclpy_private import given_parameters
 from .resources import with_package_shares
@@ -48,6 +55,23 @@ _ASKED_FOR: Final = {
 }
 
 _TYPES: Final = frozenset(type.value for type in Parameter.Type)
+
+_ELEMENTS: Final[Mapping[Parameter.Type, Parameter.Type]] = {
+    Parameter.Type.BOOL_ARRAY: Parameter.Type.BOOL,
+    Parameter.Type.INTEGER_ARRAY: Parameter.Type.INTEGER,
+    Parameter.Type.DOUBLE_ARRAY: Parameter.Type.DOUBLE,
+    Parameter.Type.STRING_ARRAY: Parameter.Type.STRING,
+}
+
+_SAMPLES: Final[Mapping[Parameter.Type, Any]] = {
+    Parameter.Type.BOOL: True,
+    Parameter.Type.INTEGER: 1,
+    Parameter.Type.DOUBLE: 1.0,
+    Parameter.Type.STRING: 'text',
+}
+"""Shown where neither the value that was given nor a default is of use."""
+
+_NUMBER_CHARACTERS: Final = 30
 
 _OF_QOS: Final = 'qos_overrides.'
 """What the names of those begin with that are declared with a publisher or subscription."""
@@ -111,12 +135,15 @@ class ParameterDeclarer:
 
     def _declare(self, name: str, default: Any, description: str, read_only: bool = True, **bounds: Any) -> Any:
         descriptor = ParameterDescriptor(description=description, read_only=read_only, **bounds)
-        meaning = f'{description}; the default is {default!r}'
+        meaning = f'{description}; the default is {_as_yaml(default)}'
         try:
             if not self._node.has_parameter(name):
                 _declare(self._node, name, default, descriptor, self._is_fixed)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            raise UnfitParameterError(name, f'{refusal(error)}; {meaning}') from None
+            given = given_parameters(self._node).get(name)
+            fitted = None if given is None else Parameter(name, value=_fitted(given.value, default))
+            why = '' if fitted is None else _misfit(fitted, descriptor, default)
+            raise UnfitParameterError(name, f'{why or error}; {meaning}') from None
         except ResourceError as error:
             raise UnfitParameterError(name, f'{error}; {meaning}') from None
         value = self._node.get_parameter_or(name).value
@@ -124,16 +151,117 @@ class ParameterDeclarer:
             return value
         given = given_parameters(self._node).get(name)
         if given is not None and given.value is not None:
-            raise UnfitParameterError(name, f'{shown(given.value)}, as it was started with, is refused; {meaning}')
+            why = _misfit(given, self._node.describe_parameter(name), default)
+            raise UnfitParameterError(name, f'{why or shown(given.value)} (the node was started with it); {meaning}')
         if given is None or not isinstance(default, list):
-            raise UnfitParameterError(name, f'it has no value, or [], which has no type in ROS 2; {meaning}')
+            what = f'it has no value, or [], which has no type in ROS 2; write {name}: {_as_yaml(default)}'
+            raise UnfitParameterError(name, f'{what}; {meaning}')
         return []
 
 
-def refusal(error: ParameterException) -> str:
-    """Return why rclpy refuses the value of a parameter, and what to write where that is plain."""
-    told = str(error).rpartition(': ')[0]  # it ends with the name once more
-    return f'{told}; write it without quotes' if "of type 'STRING'" in told and 'STRING_ARRAY' not in told else told
+# -------------------------------------------------------------------------------------------------------- refusals
+
+
+def refused_declaration(prefix: str, declared: Sequence[tuple[Any, ...]], given: Mapping[str, Parameter]) -> str:
+    """Return why a parameter cannot have the value that was given, or its default, and what to write; '' if all can.
+
+    ``declared`` is what was given to :meth:`rclpy.node.Node.declare_parameters`, each with its descriptor.
+    """
+    for name, default, descriptor in declared:
+        is_value = not isinstance(default, Parameter.Type | ParameterValue)
+        parameter = given.get(prefix + name) or Parameter(prefix + name, value=default if is_value else None)
+        if parameter.value is not None:
+            why = _misfit(parameter, descriptor, default if is_value else None)
+            if why:
+                return f'{_named(parameter.name)}{why}'
+    return ''
+
+
+def refused_setting(node: Node, parameters: Sequence[Parameter]) -> str:
+    """Return why these parameters of a node cannot be set, and what to do; '' if that is for others to say."""
+    for parameter in parameters:
+        name = parameter.name
+        if not node.has_parameter(name):
+            continue
+        descriptor = node.describe_parameter(name)
+        why = _misfit(parameter, descriptor, node.get_parameter_or(name).value)
+        if not why and descriptor.read_only:
+            why = f'it is read when the node starts; start the node with -p {name}:={_as_yaml(parameter.value)}'
+        if why:
+            return f'{_named(name)}{why}'
+    return ''
+
+
+def undeclared(node: Node, parameters: Sequence[Parameter]) -> str:
+    """Return that a node does not have one of these parameters, and which name may have been meant."""
+    name = next((one.name for one in parameters if not node.has_parameter(one.name)), '')
+    return f'there is no parameter {shown(name)}{hint(name, tuple(node.get_parameters_by_prefix("")))}'
+
+
+def _named(name: str) -> str:
+    return f'parameter {name!r}: '
+
+
+def _misfit(parameter: Parameter, descriptor: ParameterDescriptor, example: Any) -> str:
+    """Return why the value of a parameter does not fit, and what to write instead; '' if it fits."""
+    value, name = parameter.value, parameter.name
+    meant: tuple[Any, ...]
+    wanted = parameter.type_ if descriptor.dynamic_typing else Parameter.Type(descriptor.type)
+    if parameter.type_ is not wanted:
+        what = f'{_as_yaml(value)} is of type {_words(parameter.type_)}, not {_words(wanted)}; write '
+        if value is None:
+            what = f'it cannot be without a value of type {_words(wanted)}; write '
+        meant = (_meant(value, wanted), example, _SAMPLES.get(wanted), [_SAMPLES.get(_ELEMENTS.get(wanted, wanted))])
+    else:
+        is_number = wanted in (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
+        bounds = next(iter((*descriptor.integer_range, *descriptor.floating_point_range)), None) if is_number else None
+        if bounds is None or bounds.from_value <= value <= bounds.to_value:
+            return ''
+        low, high = bounds.from_value, bounds.to_value
+        what = f'{_as_yaml(value)} is out of range; write a value from {low} to {high}, such as '
+        meant = (example, low)
+    for one in meant:
+        if one is not None and wanted.check(one) and not _misfit(Parameter(name, wanted, one), descriptor, None):
+            return f'{what}{name}: {_as_yaml(one)}'
+    return f'{what}another value'
+
+
+def _meant(value: Any, wanted: Parameter.Type) -> Any:
+    """Return the value that was probably meant, as the type that is wanted; None if that is not plain."""
+    if wanted in _ELEMENTS:
+        parts = list(value) if isinstance(value, list | tuple | array.array) else [value]
+        meant = [_meant(part, _ELEMENTS[wanted]) for part in parts]
+        return None if any(part is None for part in meant) else meant
+    if wanted is Parameter.Type.STRING:
+        return value if isinstance(value, str) else None if isinstance(value, list | array.array) else _as_yaml(value)
+    if isinstance(value, str) and len(value) <= _NUMBER_CHARACTERS:
+        try:
+            value = load_yaml(value.strip('"\' '))
+        except YamlError:
+            return None
+    if not isinstance(value, bool | int | float):
+        return None
+    if wanted is Parameter.Type.BOOL:
+        return bool(value) if value in (0, 1) else None
+    if isinstance(value, bool):
+        return None
+    if wanted is Parameter.Type.INTEGER:
+        return int(value) if float(value).is_integer() else None
+    return float(value)
+
+
+def _words(type: Parameter.Type) -> str:
+    return type.name.lower().replace('_', ' ')
+
+
+def _as_yaml(value: Any) -> str:
+    """A value as one writes it in a parameter file."""
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    return shown(list(value) if isinstance(value, array.array) else value)
+
+
+# -------------------------------------------------------------------------------------------------------- declaring
 
 
 def _fitted(given: Any, default: Any) -> Any:

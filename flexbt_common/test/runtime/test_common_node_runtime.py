@@ -24,6 +24,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future as Awaited
@@ -419,14 +420,37 @@ def test_a_value_of_a_parameter_file_is_what_it_means(
 
 
 REFUSED: list[tuple[str, Callable[[ParameterDeclarer], Any], str]] = [
-    ('[]', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), r'no value, or \[\].*; m; the default is 1.0'),
-    ('"1.5"', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), "expecting type 'DOUBLE'; write it without"),
-    ('"True"', lambda declare: declare.flag('given', False, 'm'), "expecting type 'BOOL'; write it without quotes; m"),
-    ('3', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), 'out of range.*; m; the default is 1.0'),
-    ('true', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), "of type 'BOOL', expecting type 'DOUBLE'; m"),
-    (f'{2**53 + 1}', lambda declare: declare.real('given', 1.0, 0.0, 1e18, 'm'), "of type 'INTEGER', expecting"),
-    ('[1, 2]', lambda declare: declare.texts('given', (), 'm'), "of type 'INTEGER_ARRAY', expecting"),
-    ('["a"]', lambda declare: declare.reals('given', [1.0], 'm'), "of type 'STRING_ARRAY', expecting type '[^;]*; m"),
+    (
+        '[]',
+        lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'),
+        r'no value, or \[\].*; write given: 1.0; m; the d',
+    ),
+    (
+        '"1.5"',
+        lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'),
+        "'1.5' is of type string, not double.*: 1.5; m",
+    ),
+    ('"9"', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), "'9' is of type string, not double.*: 1.0; m"),
+    ('"True"', lambda declare: declare.flag('given', False, 'm'), "'True' is of type string, not bool; .*: true; m"),
+    ('0', lambda declare: declare.flag('given', True, 'm'), '0 is of type integer, not bool; write given: false; m'),
+    ('7', lambda declare: declare.flag('given', True, 'm'), '7 is of type integer, not bool; write given: true; m'),
+    (
+        '3',
+        lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'),
+        '3.0 is out of range; write a value from 0.0 to 2.0, such as given: 1.0; m; the',
+    ),
+    ('.nan', lambda declare: declare.real('given', 1.0, 0.5, 2.0, 'm'), 'nan is out of range; .*: 1.0; m; the'),
+    ('true', lambda declare: declare.real('given', 1.0, 0.0, 2.0, 'm'), 'true is of type bool, not double; .*: 1.0; m'),
+    ('2.0', lambda declare: declare.integer('given', 1, 0, 2, 'm'), '2.0 is of type double, not integer; .*: 2; m'),
+    (f'{2**53 + 1}', lambda declare: declare.real('given', 1.0, 0.0, 1e18, 'm'), 'integer, not double; write given: 9'),
+    ('5', lambda declare: declare.text('given', '', 'm'), "5 is of type integer, not string; write given: '5'; m"),
+    ('a', lambda declare: declare.texts('given', (), 'm'), r"'a' is of type string, not string array; .*: \['a'\]; m"),
+    (
+        '[1, 2]',
+        lambda declare: declare.texts('given', (), 'm'),
+        r"\[1, 2\] is .* not string array; .*: \['1', '2'\]; m",
+    ),
+    ('["a"]', lambda declare: declare.reals('given', [1.0], 'm'), r"\['a'\] is .*, not double array; .*: \[1.0\]; m"),
     ('$(find-pkg-share flexbt_comon)', lambda declare: declare.text('given', '', 'm'), "did you mean 'flexbt_common'"),
 ]
 
@@ -446,14 +470,27 @@ def test_a_value_of_a_parameter_file_is_refused_with_the_reason(
             runtime.call(lambda: declared(ParameterDeclarer(runtime.node)))
 
 
-def test_a_text_for_use_sim_time_is_refused_with_what_to_write() -> None:
-    with start('--ros-args', '-p', 'use_sim_time:="True"') as process:
-        _, err = process.communicate(timeout=DEADLINE)
-        assert process.returncode == 1
-        assert err == (
-            "program: cannot start: Trying to set parameter 'use_sim_time' to 'True' of type 'STRING', "
-            "expecting type 'BOOL'; write it without quotes\n"
-        )
+@pytest.mark.skipif(not rclpy_private.is_usable(rclpy_private.PARAMETERS), reason='what is given is not known')
+@pytest.mark.parametrize(
+    ('text', 'reason', 'meant'),
+    [
+        ('1', '1 is of type integer', 'true'),
+        ('"True"', "'True' is of type string", 'true'),
+        ('"off"', "'off' is of type string", 'false'),
+        ('sure', "'sure' is of type string", 'false'),
+        ('[true]', '[True] is of type bool array', 'false'),
+    ],
+)
+@pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
+def test_what_is_no_bool_is_refused_for_use_sim_time_with_what_to_write(
+    text: str, reason: str, meant: str, node_class: type[DeepNode]
+) -> None:
+    with (
+        pytest.raises(InvalidParameterTypeException) as refused,
+        NodeRuntime.open('one', args=['--ros-args', '-p', f'use_sim_time:={text}'], node_class=node_class),
+    ):
+        pass
+    assert str(refused.value) == f"parameter 'use_sim_time': {reason}, not bool; write use_sim_time: {meant}"
 
 
 @pytest.mark.parametrize('node_class', [DeepNode, OpenLifecycleNode])
@@ -512,11 +549,13 @@ def test_arguments_that_ros_refuses_are_told_without_a_trace(capfd: pytest.Captu
 
 
 @pytest.mark.parametrize('service_type', [SetParameters, SetParametersAtomically])
-def test_a_parameter_of_a_type_that_does_not_exist_is_refused_in_words(service_type: Any) -> None:
+def test_a_value_that_does_not_fit_is_refused_in_words_when_it_is_set(service_type: Any) -> None:
     name = 'set_parameters' if service_type is SetParameters else 'set_parameters_atomically'
     wrong = ParameterMessage(name='speed', value=ParameterValue(type=255))
     with NodeRuntime.open('set') as runtime, NodeRuntime.open('client') as client:
         runtime.call(lambda: runtime.node.declare_parameter('speed', 1.0))
+        runtime.call(lambda: runtime.node.declare_parameter('autostart', False))
+        runtime.call(lambda: ParameterDeclarer(runtime.node).integer('most', 1, 0, 9, 'm'))
         right = Parameter('speed', value=2.0).to_parameter_msg()
         link = ServiceLinks(client).link(service_type, f'set/{name}')
 
@@ -527,6 +566,15 @@ def test_a_parameter_of_a_type_that_does_not_exist_is_refused_in_words(service_t
         refused = results(right, wrong)
         assert len(refused) == (2 if service_type is SetParameters else 1)
         assert all("speed' is of type 255" in one.reason and not one.successful for one in refused)
+        for name, value, reason in (
+            ('speed', 2, "parameter 'speed': 2 is of type integer, not double; write speed: 2.0"),
+            ('speed', None, "parameter 'speed': it cannot be without a value of type double; write speed: 1.0"),
+            ('sped', 2.0, "there is no parameter 'sped'; did you mean 'speed'?"),
+            ('autostart', 'on', "parameter 'autostart': 'on' is of type string, not bool; write autostart: true"),
+            ('most', 10, "parameter 'most': 10 is out of range; write a value from 0 to 9, such as most: 1"),
+            ('most', 8, "parameter 'most': it is read when the node starts; start the node with -p most:=8"),
+        ):
+            assert results(Parameter(name, value=value).to_parameter_msg())[0].reason == reason
         assert runtime.node.get_parameter('speed').value == 1.0
         assert [one.successful for one in results(right)] == [True]
 

@@ -27,7 +27,7 @@ from flexbt_sim.simulator import Simulator
         ('speed_factor:=-1.0', ["'speed_factor'", '-1.0', '1000']),
         ('speed_factor:=fast', ["'speed_factor'", "'fast'", '1.0']),
         ('seed:=-1', ["'seed'", '-1']),
-        ('scan_beams:=0', ["'scan_beams'", 'Min: 1']),
+        ('scan_beams:=0', ["'scan_beams'", 'write a value from 1 to ']),
         ('scan_range_min:=4.0', ["'scan_range_min'", '4 m', "'scan_range_max'", '3.5 m']),
     ],
 )

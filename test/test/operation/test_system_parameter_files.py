@@ -52,8 +52,8 @@ def test_every_node_starts_with_a_parameter_file(tmp_path: Path, text: str) -> N
 
 
 @pytest.mark.parametrize('name', READY)
-def test_every_node_says_what_is_to_be_written_in_place_of_a_text(tmp_path: Path, name: str) -> None:
+def test_every_node_says_what_is_to_be_written_in_place_of_a_number(tmp_path: Path, name: str) -> None:
     with Stack(tmp_path) as stack:
-        stack.start(name, {'use_sim_time': '"True"'})
-        wait_until(lambda: 'write it without quotes' in stack.output(name), lambda: stack.output(name))
-        assert f'{name}: cannot start: ' in stack.output(name)
+        stack.start(name, {'use_sim_time': '1'})
+        why = "parameter 'use_sim_time': 1 is of type integer, not bool; write use_sim_time: true"
+        wait_until(lambda: stack.output(name) == f'{name}: cannot start: {why}\n', lambda: stack.output(name))
