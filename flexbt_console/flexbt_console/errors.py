@@ -4,7 +4,7 @@
 ConsoleError
 ├── UsageError      2  the command is not written as it has to be
 ├── RefusedError    3  the command had no effect: refused by the executive, or here before it was sent
-│   └── NotShownError  it answers a decision, and what that is about was not received
+│   └── NotShownError  it answers a decision, or starts a behavior, and what that is about was not received
 ├── NoAnswerError   4  no answer in time; it is not known whether the command had an effect
 └── NoLinkError     5  no executive is heard
 """
@@ -46,7 +46,7 @@ class RefusedError(ConsoleError):
 
 
 class NotShownError(RefusedError):
-    """What a decision is about was not received, so it was not answered; an operator may insist."""
+    """What a decision or a behavior is about was not received, so nothing was sent; an operator may insist."""
 
 
 class NoAnswerError(ConsoleError):

@@ -13,7 +13,7 @@ from .entries import (
     to_entry,
     value_to_text,
 )
-from .limits import LONG_TEXT, MESSAGE, check_limits, length_of, make_sendable
+from .limits import LONG_TEXT, MACHINE_TEXT, MESSAGE, check_limits, length_of, make_sendable
 from .pose_lists import fewer_poses, path_points, poses_of, set_poses
 from .times import duration_message, seconds_of, time_message, time_of_nanoseconds
 from .value_text import from_plain
@@ -21,6 +21,7 @@ from .value_types import PRIMITIVES, type_name
 
 __all__ = [
     'LONG_TEXT',
+    'MACHINE_TEXT',
     'MESSAGE',
     'PRIMITIVES',
     'Encoding',

@@ -28,6 +28,8 @@ LIST: Final = 1_000
 LONG_TEXT: Final = 50_000
 """Characters of a text for people that an executive sends, such as a trace or why a machine is wrong; the middle of a
 longer one is left out, and what is told of that may make it a little longer."""
+MACHINE_TEXT: Final = 20_000
+"""Characters of a synthesized machine that an executive shows to operators; it keeps 100 of them, and shows all."""
 MESSAGE: Final = 17_000_000
 """Characters, bytes and elements of one message together: of the largest map, and what is told of it."""
 
@@ -72,6 +74,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BehaviorList.behaviors': 10_000,
     'flexbt_msgs/BehaviorManifest.description': 100_000,
     'flexbt_msgs/BehaviorManifest.error': 100_000,
+    'flexbt_msgs/BehaviorManifest.machine': MACHINE_TEXT,
     'flexbt_msgs/BehaviorParameter.default_value': 100_000,
     'flexbt_msgs/BehaviorParameter.description': 100_000,
     'flexbt_msgs/PlaceList.places': 10_000,

@@ -19,6 +19,7 @@ from .shell_completion import TypedLine, as_typed, completion_script, read_line,
 from .showing import SCAN_PERIOD
 from .spec import (
     DECISION,
+    UNSEEN,
     Answers,
     Argument,
     Ask,
@@ -43,6 +44,7 @@ __all__ = [
     'DECISION',
     'EXIT_CODES',
     'SCAN_PERIOD',
+    'UNSEEN',
     'Answers',
     'Argument',
     'Ask',

@@ -69,13 +69,18 @@ class CommandBuilder:
         arguments: Sequence[tuple[str, str]] = (),
         autonomy: AutonomyLevel | None = None,
         inputs: Sequence[InputValue] = (),
+        *,
+        unseen: bool = False,
     ) -> Command:
         """Start a behavior; without a level of autonomy, at the one that the executive shows.
 
+        ``unseen``: also when it was synthesized, and its machine has not arrived; so for :meth:`switch`.
+
         Raises:
+            NotShownError: its machine has not arrived.
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
-        _check_behavior(view, name, arguments)
+        _check_behavior(view, name, arguments, unseen)
         shown = view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW
         return replace(
             self.command(view, CommandKind.START),
@@ -86,13 +91,16 @@ class CommandBuilder:
             inputs=tuple(inputs),
         )
 
-    def switch(self, view: View, name: str, arguments: Sequence[tuple[str, str]] = ()) -> Command:
+    def switch(
+        self, view: View, name: str, arguments: Sequence[tuple[str, str]] = (), *, unseen: bool = False
+    ) -> Command:
         """Go on with another behavior, keeping the active states.
 
         Raises:
+            NotShownError: its machine has not arrived.
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
-        _check_behavior(view, name, arguments)
+        _check_behavior(view, name, arguments, unseen)
         return replace(self.command(view, CommandKind.SWITCH), behavior=name, arguments=tuple(arguments))
 
     def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> Command:
@@ -319,7 +327,7 @@ def _known_path(view: View, text: str) -> str:
     raise RefusedError(f'there is no state {shown(text)}{remedy}')
 
 
-def _behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
+def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
     """The behavior called ``name``, or ``package/name``, as the executive finds it.
 
     Raises:
@@ -335,13 +343,18 @@ def _behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
     raise RefusedError(f'there is no behavior {shown(name)}{remedy}')
 
 
-def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]]) -> None:
+def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]], unseen: bool) -> None:
     behaviors: Sequence[Behavior] | None = view.behaviors
     if behaviors is None:
         return
-    behavior = _behavior(behaviors, name)
+    behavior = find_behavior(behaviors, name)
     if behavior.error:
         raise RefusedError(f'behavior {shown(name)} cannot be used: {behavior.error}')
+    if behavior.lacks_machine and not unseen:
+        raise NotShownError(
+            f'behavior {shown(name)} was synthesized, and its machine was not received; nothing was sent. '
+            'Look at its file on the robot, or send it all the same with --unseen'
+        )
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
     for key, value in arguments:
         if '/' in key:  # of an embedded behavior, as in /Inner/speed: the executive knows

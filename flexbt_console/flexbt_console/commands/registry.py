@@ -71,6 +71,7 @@ _DECISION = Option(
     DECISION, 'the decision that is meant; refused when it is not pending any more', 'ID', values=words.decisions
 )
 _UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a value) was not received')
+_UNSEEN_MACHINE = Option(UNSEEN, 'send it although the behavior was synthesized, and its machine was not received')
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
 _PAGE = Option('--page', 'address of the page of the same robots, which it shows, for who starts both', 'URL')
 _IN_BROWSER = Option('--web', 'serve it to browsers on this computer (with --port), instead of this terminal')
@@ -126,6 +127,8 @@ COMMANDS: Final = (
         'behaviors',
         'list the behaviors that can be started, with their parameters',
         Show(showing.behaviors),
+        (Argument('NAME', required=False, spaced=True, values=words.behaviors),),
+        details=('Of NAME alone, also the machine when it was synthesized. JSON has all machines.',),
         has_arrived=_behaviors_known,
     ),
     CommandSpec(
@@ -197,6 +200,7 @@ COMMANDS: Final = (
                 read=autonomy_level,
             ),
             Option('--input', 'input userdata of the behavior', 'KEY=TYPE:VALUE', repeated=True),
+            _UNSEEN_MACHINE,
             _REASON,
             _WAIT,
             _WAIT_TIMEOUT,
@@ -346,7 +350,7 @@ COMMANDS: Final = (
             Argument('NAME', spaced=True, values=words.behaviors),
             Argument('PARAMETER=VALUE', required=False, repeated=True, values=words.parameters, read=assignment),
         ),
-        (_REASON,),
+        (_UNSEEN_MACHINE, _REASON),
         details=(
             'The other behavior has to have the active states at the same paths; the refusal names those it lacks.',
         ),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.errors import NotShownError, RefusedError, UsageError
 from flexbt_console.mirror import NOTE_LENGTH, Command, CommandKind, DecisionKind, View
 
 from .command_builder import CommandBuilder
@@ -51,7 +51,22 @@ def _assignments(line: CommandLine) -> list[tuple[str, str]]:
 def _start(line: CommandLine, view: View, make: CommandBuilder) -> Command:
     inputs = [start_input(text, view.places) for text in line.values('--input')]
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
-    return make.start(view, line.words[0], _assignments(line), level, inputs)
+    _check_listed(line, view)
+    return make.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
+
+
+def _switch(line: CommandLine, view: View, make: CommandBuilder) -> Command:
+    _check_listed(line, view)
+    return make.switch(view, line.words[0], _assignments(line), unseen=line.has(UNSEEN))
+
+
+def _check_listed(line: CommandLine, view: View) -> None:
+    """Raises NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
+    if view.behaviors is None and not line.has(UNSEEN):
+        raise NotShownError(
+            'the robot has not said which behaviors it has, and how those were synthesized; nothing was sent. '
+            'Wait for it, or send it all the same with --unseen'
+        )
 
 
 def _autonomy(line: CommandLine, view: View, make: CommandBuilder) -> Command:
@@ -92,9 +107,7 @@ _OUTCOMES: Final = frozenset({DecisionKind.TRANSITION, DecisionKind.CHOICE})
 _VALUES: Final = frozenset({DecisionKind.INPUT})
 
 START: Final = Send((CommandKind.START,), _start)
-SWITCH: Final = Send(
-    (CommandKind.SWITCH,), lambda line, view, make: make.switch(view, line.words[0], _assignments(line))
-)
+SWITCH: Final = Send((CommandKind.SWITCH,), _switch)
 AUTONOMY: Final = Send((CommandKind.AUTONOMY,), _autonomy)
 CONFIRM: Final = Send(
     (CommandKind.CONFIRM,),

@@ -26,6 +26,7 @@ from flexbt_console.present import (
 )
 from flexbt_core.values import one_line
 
+from .command_builder import find_behavior
 from .operator_values import capability_text, line_count, map_size, retry_count
 from .spec import AskedRobot, CommandLine, Known, Shown
 
@@ -46,6 +47,9 @@ def status(line: CommandLine, view: View, known: Known) -> Shown:
 def behaviors(line: CommandLine, view: View, known: Known) -> Shown:
     if view.behaviors is None:
         raise NoAnswerError('the executive has not said which behaviors it has')
+    if line.words:
+        found = (find_behavior(view.behaviors, line.text),)
+        return Shown(found, behaviors_lines(found, with_machines=True))
     return Shown(view.behaviors, behaviors_lines(view.behaviors))
 
 

@@ -149,6 +149,7 @@ def behaviors_record(message: BehaviorList) -> records.BehaviorList:
                     for known in behavior.inputs
                 ),
                 error=behavior.error,
+                machine=behavior.machine,
             )
             for behavior in message.behaviors
         ),

@@ -91,6 +91,9 @@ class CommandKind(IntEnum):
     REFUSE_AUTHORITY = 22
 
 
+SYNTHESIZED: Final = 'synthesized'
+"""The package of a behavior that was synthesized (BehaviorManifest.SYNTHESIZED)."""
+
 NOTE_LENGTH: Final = 1000
 """Characters of a note at most (ExecutiveCommand.NOTE_LENGTH)."""
 
@@ -353,7 +356,10 @@ class BehaviorInput:
 
 @dataclass(frozen=True, slots=True)
 class Behavior:
-    """A behavior that the executive can run, or why it cannot (``error``)."""
+    """A behavior that the executive can run, or why it cannot (``error``).
+
+    ``machine`` is the YAML of one that was synthesized, if it has arrived; see :attr:`lacks_machine`.
+    """
 
     name: str
     package: str = ''
@@ -362,6 +368,12 @@ class Behavior:
     parameters: tuple[BehaviorParameter, ...] = ()
     error: str = ''
     inputs: tuple[BehaviorInput, ...] = ()
+    machine: str = ''
+
+    @property
+    def lacks_machine(self) -> bool:
+        """Return whether it was synthesized, and its machine has not arrived: nobody here can judge what it does."""
+        return self.package == SYNTHESIZED and not self.machine
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,20 +121,21 @@ class View:
     def drawn_for(self, decision: Decision | None) -> Surroundings:
         """What is around the robot, with the path and the goal that a decision is about in the place of the plan.
 
-        While they have not arrived, no plan is drawn: it could be taken for the one that is asked about.
+        Another plan could be taken for what is asked about. So none is drawn while a decision waits, unless a state is
+        driving along it.
         """
         around = self.surroundings
-        if decision is None or not decision.subject_number:
+        if decision is None:
             return around
         subject = self.subject(decision)
-        if subject is None:
-            return replace(around, plan=())
-        paths = [value for value in subject.values if value.points or plain_type(value.type) == 'nav_msgs/Path']
-        poses = [value for value in subject.values if value.pose is not None]
+        values = subject.values if subject is not None else ()
+        paths = [value for value in values if value.points or plain_type(value.type) == 'nav_msgs/Path']
+        poses = [value for value in values if value.pose is not None]
         goal = next((value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')), None)
-        if not paths and goal is None:
-            return around
-        return replace(around, plan=paths[0].points if paths else (), at=None if goal is None else (goal.x, goal.y))
+        if paths or goal is not None:
+            return replace(around, plan=paths[0].points if paths else (), at=None if goal is None else (goal.x, goal.y))
+        drives = self.snapshot is not None and any(state.progress is not None for state in self.snapshot.active_states)
+        return around if drives and not self.lacks(decision) else replace(around, plan=())
 
     def turned_to(self, decision_id: str) -> View:
         """The same picture with that decision before those that have waited longer, if it is pending."""

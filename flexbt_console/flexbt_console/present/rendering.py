@@ -320,8 +320,15 @@ def parameter_text(parameter: BehaviorParameter) -> str:
     return f'{head} ({told})  {one_line(parameter.description)}'.rstrip()
 
 
-def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
-    """The behaviors and their parameters."""
+def machine_text_lines(behavior: Behavior) -> list[str]:
+    """Return the machine of a synthesized behavior, or that it was not received; nothing of one that is installed."""
+    if behavior.lacks_machine:
+        return [Line('machine NOT RECEIVED: what this behavior does is not shown', Tone.ERROR)]
+    return [one_line(line) for line in behavior.machine.splitlines()]
+
+
+def behaviors_lines(known: Sequence[Behavior], *, with_machines: bool = False) -> list[str]:
+    """The behaviors and their parameters; of those that were synthesized the machine, or how many lines it has."""
     shown = []
     for behavior in known:
         error = f'  CANNOT BE USED: {one_line(behavior.error)}' if behavior.error else ''
@@ -336,6 +343,11 @@ def behaviors_lines(known: Sequence[Behavior]) -> list[str]:
             shown.append(
                 f'    input {one_line(known_input.key)} ({type}{needed})  {one_line(known_input.description)}'.rstrip()
             )
+        machine = machine_text_lines(behavior)
+        if with_machines or behavior.lacks_machine:
+            shown += [Line(f'    {line}', tone_of(line)) for line in machine]
+        elif machine:
+            shown.append(f'    machine of {counted(len(machine), "line")}: behaviors {one_line(behavior.name)}')
     return shown or ['no behaviors are installed on the robot']
 
 

@@ -12,10 +12,14 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from flexbt_common.values import subject_message
-from flexbt_console.commands import CommandBuilder, build, parse
+from flexbt_console.commands import CommandBuilder, Show, build, parse
 from flexbt_console.errors import NotShownError
 from flexbt_console.link import subjects_record
 from flexbt_console.mirror import (
+    SYNTHESIZED,
+    ActiveState,
+    Behavior,
+    BehaviorList,
     CommandKind,
     Decision,
     DecisionKind,
@@ -23,13 +27,14 @@ from flexbt_console.mirror import (
     Mirror,
     Peer,
     Pose,
+    Progress,
     Snapshot,
     Subjects,
     Transit,
     View,
 )
 from flexbt_console.pictures import glyphs, map_lines, where_text
-from flexbt_console.present import map_json, status_lines
+from flexbt_console.present import behaviors_lines, map_json, status_lines
 from flexbt_console.ui.interaction import Bound, choose, interpret
 from flexbt_console.ui.prompt import toolbar
 from flexbt_console.ui.screen.panes.decision_bar import decision_lines
@@ -41,6 +46,7 @@ JUDGE = Decision(
     'r-1', DecisionKind.CHOICE, '/JudgePath', 'done', ('done', 'canceled'), subject=('path', 'goal'), subject_number=2
 )
 VALUE = Decision('i-1', DecisionKind.INPUT, '/AskHow', input_type='string', subject=('picture',), subject_number=1)
+WHERE = Decision('i-2', DecisionKind.INPUT, '/AskGoal', input_type='geometry_msgs/msg/PoseStamped')
 PLAN = ((0.0, 0.0), (9.0, 9.0))
 
 
@@ -119,13 +125,28 @@ def test_what_belongs_to_something_else_counts_for_nothing(mirror: Mirror, subje
     assert mirror.view().lacks(JUDGE) == 'path, goal'
 
 
-def test_what_is_not_drawn_leaves_the_plan(mirror: Mirror) -> None:
+@pytest.mark.parametrize(
+    'asked', [WHERE, replace(JUDGE, subject_number=0), replace(JUDGE, subject=('charge',))], ids=lambda one: one.id
+)
+def test_a_plan_that_is_not_what_is_asked_about_is_drawn_only_while_it_is_followed(
+    mirror: Mirror, asked: Decision
+) -> None:
+    mirror.receive_subjects(subjects(charge=0.5))
+    show(mirror, asked)
+    view = mirror.view()
+    assert (view.drawn.plan, view.drawn.goal, view.surroundings.plan) == ((), None, PLAN)
+    assert 'plan' not in told_everywhere(view)['map'] and map_json(view)['plan'] == ()
+    assert parts_of(view, 'ann')['decisions'][0]['drawn'] == {'plan': [], 'goal': None}
+    show(mirror, asked, active_states=(ActiveState('/Drive', progress=Progress(distance=3.0)),))
+    assert mirror.view().drawn.plan == PLAN
+    assert parts_of(mirror.view(), 'ann')['decisions'][0]['drawn'] is None  # it would be sent with each new plan
+
+
+def test_what_is_not_drawn_is_told(mirror: Mirror) -> None:
     mirror.receive_subjects(subjects(charge=0.5, note='a\x1b[2J\nb'))
     view = mirror.view()
-    assert view.drawn.plan == PLAN
     assert 'about charge: 0.5; note: ' in '\n'.join(status_lines(view))
     assert '\x1b' not in '\n'.join(status_lines(view))
-    assert parts_of(view, 'ann')['decisions'][0]['drawn'] is None  # it would be sent with each new plan
 
 
 def test_a_path_without_poses_is_no_other_path(mirror: Mirror) -> None:
@@ -181,6 +202,35 @@ def test_a_value_is_not_given_for_what_is_not_shown(mirror: Mirror) -> None:
         line('input red', mirror.view(), make)
     assert line('input --unseen red', mirror.view(), make).kind is CommandKind.ANSWER
     assert line('decline', mirror.view(), make).kind is CommandKind.DECLINE  # it judges nothing
+
+
+MACHINE = '# look\nmachine:\n  outcomes: [finished]\n'
+
+
+@pytest.mark.parametrize('word', ['start', 'switch'])
+def test_a_machine_that_was_synthesized_is_shown_before_it_is_started(mirror: Mirror, word: str) -> None:
+    make, kind = CommandBuilder('ann'), CommandKind[word.upper()]
+    for known, why in (
+        (None, 'the robot has not said which behaviors it has'),
+        (Behavior('Look there', SYNTHESIZED), "'Look there' was synthesized, and its machine was not received"),
+    ):
+        if known is not None:
+            mirror.receive_behaviors(BehaviorList('e', (known, Behavior('Patrol', 'demo'))))
+            assert 'machine NOT RECEIVED' in '\n'.join(behaviors_lines((known,)))
+            assert parts_of(mirror.view(), 'ann')['behaviors'][0]['lacks_machine']
+            assert line(f'{word} Patrol', mirror.view(), make).kind is kind
+        for give in (line, typed):
+            with pytest.raises(NotShownError, match=f'{why}.*nothing was sent.* --unseen'):
+                give(f'{word} Look there', mirror.view(), make)
+            assert give(f'{word} Look there --unseen', mirror.view(), make).kind is kind
+    made = Behavior('Look there', SYNTHESIZED, machine=MACHINE)
+    mirror.receive_behaviors(BehaviorList('e', (made,)))
+    assert line(f'{word} Look there', mirror.view(), make).kind is kind
+    assert parts_of(mirror.view(), 'ann')['behaviors'][0]['machine'] == MACHINE.rstrip()
+    one = parse(['behaviors', 'Look', 'there'])
+    assert one.spec is not None and isinstance(one.spec.action, Show)
+    assert one.spec.action.show(one, mirror.view(), mirror).text[1:] == [f'    {row}' for row in MACHINE.splitlines()]
+    assert behaviors_lines((made,))[1:] == ['    machine of 3 lines: behaviors Look there']
 
 
 def test_short_answers_at_the_prompt_are_refused_with_what_to_type(mirror: Mirror) -> None:

@@ -30,6 +30,7 @@ from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offer
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror import (
     GONE_SECONDS,
+    SYNTHESIZED,
     ActiveState,
     Behavior,
     BehaviorInput,
@@ -305,7 +306,7 @@ def test_an_answer_to_what_was_not_received_is_asked_for_once_more() -> None:
         assert any('path, goal NOT RECEIVED: what you are asked about is not shown' in row for row in rows)
         assert all(len(row) <= 80 for row in rows) and 'plan 1.4 m' not in text_of(app)
         await pilot.press('2', 'enter', 'enter', 'enter')  # who presses Enter again and again sends nothing
-        assert robot.link.sent == [] and 'what you are asked about was not received' in text_of(app)
+        assert robot.link.sent == [] and 'what this is about was not received' in text_of(app)
         await pilot.press(*'wait', 'enter')
         assert robot.link.sent == []
         await pilot.press('enter', *'right', 'enter')
@@ -791,6 +792,44 @@ def test_a_form_gives_input_userdata_to_a_behavior() -> None:
         assert start.autonomy == 1 and start.arguments == (('room', 'a'),)
 
     on_screen(robot, steps, (100, 40))
+
+
+def test_a_form_shows_the_machine_that_was_synthesized_and_asks_where_it_has_not_arrived() -> None:
+    robot = Robot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    made = Behavior('Look there', SYNTHESIZED, machine='# look\n' + ''.join(f'line{n}: x\n' for n in range(50)))
+    robot.mirror.receive_behaviors(BehaviorList('e', (made,)))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        async def open_form() -> None:
+            await pilot.press('s', *'look there', 'enter')
+            await seen(robot, pilot)
+            robot.show(state=ExecutiveState.IDLE)
+
+        await open_form()
+        assert 'machine, as it was synthesized' in text_of(app) and '# look' in text_of(app)
+        await pilot.press('pagedown', 'pagedown', 'pagedown')
+        await pilot.pause()
+        assert 'line49: x' in text_of(app)
+        robot.mirror.receive_behaviors(BehaviorList('e', (dataclasses.replace(made, machine='# other'),)))
+        await pilot.press('enter')
+        await seen(robot, pilot)
+        assert 'is another one than it was in the form; nothing was sent' in text_of(app) and robot.link.sent == []
+        await open_form()
+        await pilot.press('enter')
+        assert [one.behavior for one in robot.link.sent] == ['Look there']
+        robot.mirror.receive_behaviors(BehaviorList('e', (dataclasses.replace(made, machine=''),)))
+        for keys, count in ((('enter',), 1), (('down', 'enter'), 1), (('down', 'down', 'enter'), 2)):
+            robot.clock.advance(1.0)
+            await open_form()
+            assert 'machine NOT RECEIVED' in text_of(app)
+            await pilot.press('enter')
+            await seen(robot, pilot)
+            await pilot.press(*keys)
+            assert len(robot.link.sent) == count
+            await pilot.press('escape')
+
+    on_screen(robot, steps, (80, 24))
 
 
 def test_any_command_can_be_typed_and_its_fate_is_told() -> None:

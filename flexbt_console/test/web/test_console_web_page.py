@@ -17,6 +17,7 @@ from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.commands import COMMANDS
 from flexbt_console.mirror import (
+    SYNTHESIZED,
     ActiveState,
     Behavior,
     BehaviorInput,
@@ -276,6 +277,11 @@ def test_what_was_not_received_is_said_and_answered_only_by_who_insists(browser:
         browser.driver.find_element(By.CSS_SELECTOR, '[data-choice=failed]').click()
         (sent,) = robot.wait_sent(1)
         assert (sent.kind, sent.outcome) == (CommandKind.FORCE, 'failed')
+        robot.show(WHERE)
+        browser.until_text('decision-line', 'Where to?')
+        browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) == 0)  # of something else, still
+        robot.show(WHERE, active_states=(ActiveState('/Drive', progress=Progress(distance=1.0)),))  # along it
+        browser.until(lambda: browser.run(COUNT_PLAN_PIXELS) > 0)
 
 
 def test_everything_can_be_done_by_keys(browser: Browser) -> None:
@@ -413,7 +419,7 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
                 browser.press(Keys.ESCAPE)
                 browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
         (switch,) = (spec for spec in COMMANDS if spec.name == 'switch')
-        browser.until(lambda: all(one.help in browser.text('dialog-body') for one in switch.prompt_options))
+        browser.until(lambda: all(one.help in browser.text('dialog-body') for one in switch.prompt_options if one.value))
 
 
 def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(browser: Browser) -> None:
@@ -467,8 +473,11 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
     robot = WebRobot(is_drawn=True)
     speed = BehaviorParameter('speed', 'float', '0.3', (), 'while it carries', 'Top speed', 'm/s', '0', '1.5')
     goal = BehaviorInput('goal', 'geometry_msgs/PoseStamped', 'where to drive', needed=True)
+    made = Behavior('Made', SYNTHESIZED, machine='# look\nmachine: {}')
     behaviors = (
         Behavior('Broken', error='ImportError: no module named moveit'),
+        made,
+        Behavior('Unseen', SYNTHESIZED),
         Behavior('Errand', parameters=(speed,)),
         Behavior('Patrol', parameters=(speed,), inputs=(goal,)),
     )
@@ -530,9 +539,27 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         assert (start.kind, start.arguments) == (CommandKind.START, (('speed', '1.5'),))
         assert [one.key for one in start.inputs] == ['goal']
         browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
+        submit = 'document.querySelector("dialog form").dispatchEvent(new Event("input"));'
+        submit += 'document.querySelector("dialog form").requestSubmit()'
+        type_into('s', 'made', Keys.ENTER)
+        browser.until_text('dialog-body', made.machine)
+        changed = dataclasses.replace(made, machine='machine: {}')
+        robot.mirror.receive_behaviors(BehaviorList('e', (*behaviors[2:], changed)))
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='', message='news')
+        browser.until_text('alarm', 'news')
+        browser.run(submit)
+        browser.until_text('told', 'Made is another one than it was in the form; nothing was sent')
+        type_into('s', 'unseen', Keys.ENTER)
+        browser.until_text('dialog-body', 'machine NOT RECEIVED')
+        browser.run(submit)
+        browser.until_text('dialog-body', 'its machine was not received; nothing was sent')
+        assert len(robot.sent) == 3
+        browser.driver.find_element(By.ID, 'unseen-machine').click()
+        browser.run(submit)
+        assert robot.wait_sent(4)[3].behavior == 'Unseen'
         # A level of autonomy is a button of its own: none is sent on the way to another.
         browser.driver.find_element(By.CSS_SELECTOR, '#autonomy [value="3"]').click()
-        assert robot.wait_sent(4)[3].autonomy == 3
+        assert robot.wait_sent(5)[4].autonomy == 3
 
 
 def test_what_is_typed_into_a_list_of_the_page_is_what_is_taken_or_nothing(browser: Browser) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
+from flexbt_common.values import MACHINE_TEXT
 from flexbt_core.values import hint, shown
 from flexbt_msgs.msg import BehaviorInput as BehaviorInputMessage
 from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
@@ -34,6 +35,7 @@ class BehaviorEntry:
     """One installed behavior, usable when ``error`` is empty.
 
     ``name`` is the manifest's, or ``package/name`` where two packages use the same one. ``make`` makes a new behavior.
+    ``machine`` is the text of one that was synthesized.
     """
 
     name: str
@@ -42,6 +44,7 @@ class BehaviorEntry:
     parameters: tuple[BehaviorParameter, ...]
     make: Callable[[], Behavior] | None
     error: str = ''
+    machine: str = ''
 
     def instantiate(self) -> Behavior:
         """Make a new behavior.
@@ -79,6 +82,7 @@ class BehaviorEntry:
                 for known in self.manifest.inputs
             ],
             error=self.error,
+            machine=self.machine if len(self.machine) <= MACHINE_TEXT else '',  # what is cut cannot be judged
         )
 
 

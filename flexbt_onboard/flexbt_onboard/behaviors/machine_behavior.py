@@ -17,6 +17,7 @@ from typing import Final
 
 from flexbt_core.state_machine import EventState, MachineDefinition, read_machine
 from flexbt_core.values import one_line
+from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
 from flexbt_onboard.errors import BrokenBehaviorError
 
 from .behavior import Behavior, BehaviorManifest
@@ -24,9 +25,6 @@ from .behavior_library import BehaviorEntry
 
 STATES_GROUP: Final = 'flexbt.states'
 """Entry point group under which packages list modules of states that machines in YAML may have."""
-
-SYNTHESIZED: Final = 'synthesized'
-"""What stands for the package of such a behavior."""
 
 
 def state_modules() -> list[str]:
@@ -71,4 +69,5 @@ def machine_entry(name: str, text: str) -> BehaviorEntry:
     """What the library has of a machine; its description is the comment with which the text begins."""
     first = text.partition('\n')[0]
     manifest = BehaviorManifest(name, one_line(first.removeprefix('#').strip()) if first.startswith('#') else '')
-    return BehaviorEntry(name, SYNTHESIZED, manifest, (), functools.partial(MachineBehavior, manifest, text))
+    make = functools.partial(MachineBehavior, manifest, text)
+    return BehaviorEntry(name, BehaviorManifestMessage.SYNTHESIZED, manifest, (), make, machine=text)

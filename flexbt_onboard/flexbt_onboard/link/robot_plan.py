@@ -39,6 +39,7 @@ class RobotPlan:
         self._newest: Received | None = None
         self._due = -math.inf
         self._is_empty = True
+        self._is_judged = False
         # A planner publishes for whoever is there.
         self._messages = ReceivedMessages(
             runtime.node, Path, topic, QoSProfile(depth=1), self._on_message, MESSAGE_BYTES
@@ -51,11 +52,13 @@ class RobotPlan:
             self._publish(b'')
 
     def judged(self, subjects: Sequence[DecisionSubject]) -> None:
-        """Take a path that the operator judges as the plan, while none was heard in this run: it was published before
-        this process was started, or by nobody."""
+        """Take the path that the operator judges as the plan, while none was heard in this run: it was published before
+        this process was started, or by nobody. It takes the place of one that was judged before."""
         paths = (entry.data for one in subjects for entry in one.entries if entry.type == _PATH and entry.data)
-        if self._is_empty and self._newest is None and (path := next(paths, None)) is not None:
+        is_unheard = (self._is_empty or self._is_judged) and self._newest is None
+        if is_unheard and (path := next(paths, None)) is not None:
             self._publish(bytes(path))
+            self._is_judged = True
 
     def _on_message(self, received: Received) -> None:
         is_planned, self._newest = self._newest is not None, received
@@ -67,6 +70,7 @@ class RobotPlan:
         if received is None:
             return
         self._due = self._runtime.steady.now() + PERIOD
+        self._is_judged = False
         if received.data is not None and received.size <= MOST_BYTES:
             self._publish(received.data)
         else:

@@ -43,7 +43,7 @@ def path_of(count: int, frame: str = 'map') -> Path:
 
 
 class Plan(EventState):
-    """Makes a path of so many poses, and a number that is about something else."""
+    """Makes a path of so many poses, of one more the next time, and a number that is about something else."""
 
     def __init__(self, count: int) -> None:
         super().__init__(outcomes=['done'], output_keys=['path', 'charge'], desired_rate=None)
@@ -51,6 +51,7 @@ class Plan(EventState):
 
     def execute(self, userdata: UserData) -> str:
         userdata.path, userdata.charge = path_of(self._count), 0.5
+        self._count += 1
         return 'done'
 
 
@@ -234,3 +235,6 @@ def test_a_plan_is_kept_for_consoles_that_come_late_and_forgotten_with_the_next_
         wait_until(lambda: len(heard) == before + 2, lambda: f'have {[len(plan.x) for plan in heard]}')
         assert not heard[-2].x  # that of the run before
         assert len(heard[-1].x) == 200  # what is judged: no planner has published it
+        decision = bench.status.decisions[0]
+        bench.applied(ExecutiveCommand.FORCE, path=decision.path, decision_id=decision.id, outcome='bad')
+        wait_until(lambda: len(heard[-1].x) == 201, 'the next that is judged, and not the one that was refused')

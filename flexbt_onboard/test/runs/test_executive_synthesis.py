@@ -19,6 +19,7 @@ from flexbt_common import names
 from flexbt_common.calls import ActionCall, ActionLinks, ServiceLinks, service_outcome
 from flexbt_common.liveness import PresenceToken
 from flexbt_common.runtime import NodeRuntime
+from flexbt_common.values import MACHINE_TEXT
 from flexbt_core.state_machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
@@ -71,6 +72,11 @@ class SynthesisBench(ExecutiveBench):
         """Names and packages of the behaviors that operators see."""
         return [(one.name, one.package) for one in self.lists[-1].behaviors]
 
+    @property
+    def machines(self) -> dict[str, str]:
+        """What operators see of each behavior."""
+        return {one.name: one.machine for one in self.lists[-1].behaviors}
+
     def ask(self, **fields: Any) -> tuple[ActionCall, Future[Any]]:
         done: Future[Any] = Future()
         goal = SynthesizeBehavior.Goal(**{'time_limit': SEARCH_SECONDS, **fields})
@@ -100,6 +106,7 @@ def test_a_behavior_is_made_while_another_runs_and_taken_by_switch(bench: Synthe
     made = bench.made(system='coffee', goals=['brew'], operator_id='ann')
     assert (made.code, made.message, made.behavior) == (Result.SUCCESS, '', 'coffee')
     assert made.machine.startswith('# brew, from coffee\n')
+    wait_until(lambda: bench.machines.get('coffee') == made.machine, 'the machine, for consoles that come later')
     bench.start('coffee')
     bench.wait_active('/grind')
     assert bench.made(capabilities=COFFEE, goals=['brew'], name='again').code == Result.SUCCESS
@@ -124,8 +131,12 @@ def test_what_was_made_is_there_after_a_restart(tmp_path: Path) -> None:
     (directory / 'coffee.yaml').write_text('# brew\nmachine: {outcomes: [finished], states: {}}\n', encoding='utf-8')
     (directory / 'Test.yaml').write_text('machine: {}  # hidden by the installed one\n', encoding='utf-8')
     (directory / '.rc.yaml').write_bytes(b'\xff')
+    long = MACHINE + f'# {"x" * MACHINE_TEXT}\n'
+    (directory / 'long.yaml').write_text(long, encoding='utf-8')
     with closing(SynthesisBench(tmp_path)) as bench:
-        wait_until(lambda: bench.names == [('Test', 'test'), ('coffee', 'synthesized')], 'both')
+        named = [('Test', 'test'), ('coffee', 'synthesized'), ('long', 'synthesized')]
+        wait_until(lambda: bench.names == named, 'all of them')
+        assert bench.machines['coffee'].startswith('# brew\nmachine: ') and bench.machines['long'] == ''
 
 
 MACHINE = """\

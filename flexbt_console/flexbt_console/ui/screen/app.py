@@ -21,9 +21,9 @@ from textual.containers import Horizontal
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
-from flexbt_console.commands import CommandedRobot, CommandSpec, find, prompt_help
+from flexbt_console.commands import UNSEEN, CommandedRobot, CommandSpec, find, prompt_help
 from flexbt_console.errors import ConsoleError, NotShownError, RefusedError
-from flexbt_console.mirror import Behavior, Change, Command, Decision, Fleet, Mirror, RobotOverview, View
+from flexbt_console.mirror import Behavior, Change, Command, Fleet, Mirror, RobotOverview, View
 from flexbt_console.present import Line, Tone
 from flexbt_console.ui.interaction import (
     CHANGED,
@@ -545,23 +545,20 @@ class OperatorScreen(OrderedApp):
                 self._line.open('input ')
         except NotShownError as error:
             assert decision is not None
-            self._warn(str(error))
-            self._ask_to_insist(answer, decision)
+            asked = decision.id
 
-    def _ask_to_insist(self, answer: str, asked: Decision) -> None:
-        """Ask whether a decision is to be answered although what it is about was not received."""
+            def insist() -> None:
+                now = self._view()
+                meaning = choose(answer, now, self._station.make, Bound(asked).decision(now), unseen=True)
+                self._carry_out(meaning, now)
 
-        def chosen(number: int) -> None:
-            now = self._view()
-            if number == 1:
-                decision = Bound(asked.id).decision(now)
-                self._carry_out(choose(answer, now, self._station.make, decision, unseen=True), now)
+            self._ask_to_insist(error, Entry(f'answer {answer} without seeing it', (answer,)), insist)
 
-        entries = [
-            Entry('send nothing, and wait for it', ('wait',)),
-            Entry(f'answer {answer} without seeing it', (answer,)),
-        ]
-        self._choose('what you are asked about was not received', entries, chosen)
+    def _ask_to_insist(self, error: NotShownError, entry: Entry, insist: Callable[[], None]) -> None:
+        """Ask whether something is to be sent although what it is about was not received."""
+        self._warn(str(error))
+        entries = [Entry('send nothing, and wait for it', ('wait',)), entry]
+        self._choose('what this is about was not received', entries, lambda number: insist() if number == 1 else None)
 
     def _do_point(self, key: Key, view: View) -> None:
         if not self._panes.map.point(view):
@@ -625,7 +622,19 @@ class OperatorScreen(OrderedApp):
     _do_switch = _do_start
 
     def _fill_in(self, command: CommandSpec, behavior: Behavior) -> None:
-        self.open(StartForm(command, behavior, self._view(), self._clock), self.do)
+        """Have the form of a behavior filled in, and send its line, if the behavior is still what was in the form."""
+
+        def filled(line: str) -> None:
+            name = one_line(behavior.name)
+            if behavior not in (self._view().behaviors or ()):
+                raise RefusedError(f'{name} is another one than it was in the form; nothing was sent. Look at it again')
+            try:
+                self.do(line)
+            except NotShownError as error:
+                entry = Entry(f'{command.name} {name} without seeing its machine', (behavior.name,))
+                self._ask_to_insist(error, entry, lambda: self.do(f'{line} {UNSEEN}'))
+
+        self.open(StartForm(command, behavior, self._view(), self._clock), filled)
 
     def _do_note(self, key: Key, view: View) -> None:
         self._line.open('note ')

@@ -26,11 +26,11 @@ from flexbt_console.commands import Option as CommandOption
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror import POSE_TYPES, Behavior, BehaviorInput, BehaviorParameter, Pose, View
 from flexbt_console.pictures import fold, map_image, where_text
-from flexbt_console.present import BOOLEANS, Line, parameter_text, tone_of
+from flexbt_console.present import BOOLEANS, Line, machine_text_lines, parameter_text, tone_of
 from flexbt_core.clock import Clock
 from flexbt_core.values import one_line, shown
 
-from .panes import BURST_SECONDS, Pane, styled
+from .panes import BURST_SECONDS, TONES, Pane, styled
 
 if TYPE_CHECKING:
     from .terminal_images import ImageWidget
@@ -278,7 +278,7 @@ class OptionField(FormField):
 
 class StartForm(ModalScreen[str | None]):
     """A field for each parameter and input of a behavior, and for each option of the command; returns the line that
-    starts it, or None.
+    starts it, or None. Below them stands the machine of a behavior that was synthesized.
 
     ``command`` is ``start`` or ``switch``. What cannot be used is not taken: the form says why, and stays. So does an
     Enter that comes at once, or is held down, while nothing was filled in: it was meant for what opened the form.
@@ -306,6 +306,7 @@ class StartForm(ModalScreen[str | None]):
             *(
                 OptionField(option, [*option.values(typed)] if option.values is not None else [], view.places)
                 for option in options.values()
+                if option.value is not None
             ),
         ]
 
@@ -319,6 +320,10 @@ class StartForm(ModalScreen[str | None]):
             for field in self._fields:
                 yield Label(Text(field.told))
                 yield field
+            if self._behavior.machine:
+                yield Label(Text('machine, as it was synthesized (PgUp PgDn scroll):'), classes='dim')
+            if machine := machine_text_lines(self._behavior):
+                yield Label(Text('\n'.join(machine), TONES[tone_of(machine[0])]))
 
     @property
     def _how(self) -> str:

@@ -35,6 +35,7 @@ from flexbt_console.present import (
     left_out_text,
     link_word,
     log_lines,
+    machine_text_lines,
     not_paused_lines,
     parameter_text,
     peer_line,
@@ -85,10 +86,11 @@ COMMAND_PART: Final = [
         'fields': [
             {
                 'name': option.name,
-                'help': option.help if option.value is None else f'{option.value}: {option.help}',
+                'help': f'{option.value}: {option.help}',
                 'choices': [*option.values(Typed((), _NOTHING))] if option.values is not None else [],
             }
             for option in spec.prompt_options
+            if option.value is not None
         ],
     }
     for spec in COMMANDS
@@ -264,6 +266,8 @@ def _behaviors(view: View) -> list[dict[str, Any]]:
             'name': behavior.name,
             'description': one_line(behavior.description),
             'error': one_line(behavior.error),
+            'machine': '\n'.join(machine_text_lines(behavior)),
+            'lacks_machine': behavior.lacks_machine,
             'parameters': [
                 {
                     'name': parameter.name,

@@ -5,7 +5,7 @@ from .decision_bar import BURST_SECONDS, ROWS, Picking, choice_texts, waiting_te
 from .layout import PANES, Layout
 from .machine_pane import outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS
-from .pane import Pane, styled
+from .pane import TONES, Pane, styled
 from .panes import Panes, Shown
 from .replay_bar import MOVES, NOTHING_SENT, NoLink, Player, ReplayBar, replay_help_lines
 from .status_lines import others_text
@@ -19,6 +19,8 @@ __all__ = [
     'NOTHING_SENT',
     'PANES',
     'ROWS',
+    'TONES',
+    'Burst',
     'Layout',
     'NoLink',
     'Pane',

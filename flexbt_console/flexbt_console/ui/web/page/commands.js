@@ -157,16 +157,24 @@ export class Commands {
     for (const {name, help, choices} of known) {
       add(name.slice(2), help, choices.length ? ['', ...choices] : [], '', (value) => value ? [name, value] : []);
     }
+    if (behavior.lacks_machine) {
+      form.append(element('label', {}, element('input', {id: 'unseen-machine', type: 'checkbox'}), ` ${verb} it without seeing its machine`));
+    }
     const told = element('p', {class: 'hint', role: 'status'});
     form.append(element('button', {type: 'submit'}, verb), told);
+    if (behavior.machine) form.append(element('pre', {class: behavior.lacks_machine ? 'error' : ''}, `${behavior.lacks_machine ? '' : 'machine, as it was synthesized:\n'}${behavior.machine}`));
     let opened = performance.now();  // an Enter that comes at once, or is held down, was meant for what opened the form
     form.addEventListener('input', () => { opened = -Infinity; });
     form.addEventListener('keydown', (event) => { if (event.key === 'Enter' && event.repeat) event.preventDefault(); });
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       if (performance.now() - opened < REACTION_MS) { told.textContent = `just opened: Enter again: ${verb}`; return; }
+      const unseen = form.querySelector('#unseen-machine');
+      if (unseen && !unseen.checked) { told.textContent = 'its machine was not received; nothing was sent. Wait for it, or tick the box'; unseen.focus(); return; }
       byId('dialog').close();
-      this.do([verb, behavior.name, ...fields.flatMap((written) => written())].map(word).join(' '));
+      const now = this.now().behaviors.find(({name}) => name === behavior.name);
+      if (now?.machine !== behavior.machine) this.tell(`${plain(behavior.name)} is another one than it was in the form; nothing was sent. Look at it again`, 'warning');
+      else this.do([verb, behavior.name, ...fields.flatMap((written) => written()), ...(unseen ? ['--unseen'] : [])].map(word).join(' '));
     });
     this.read(`${verb} ${behavior.name}`, form);
   }
