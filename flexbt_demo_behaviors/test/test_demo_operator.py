@@ -189,8 +189,9 @@ def test_what_comes_from_another_thread_ends_a_wait(operator: ScriptedOperator, 
     link.show(replace(RUNNING, active_states=(ActiveState('/Drive', activity=('Navigate/FollowPath',)),)))
     operator.wait_state('/Drive')
     operator.wait_tree_node('FollowPath')
-    track.add_speed(0.2, 0.0)
-    rest = threading.Timer(0.05, track.add_speed, (0.0, 0.0))
+    for seconds in (1.0, 2.0):
+        track.add_pose(Pose(0.2 * seconds, 0.0, 0.0), seconds)
+    rest = threading.Timer(0.05, track.add_pose, (Pose(0.4, 0.0, 0.0), 3.0))
     rest.start()
     operator.wait_rest()
     assert track.at_rest

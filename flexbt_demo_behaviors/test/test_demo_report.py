@@ -71,11 +71,13 @@ def test_the_track_keeps_what_was_driven_and_the_first_plan_to_each_place() -> N
 
 def test_the_track_knows_rest() -> None:
     track = RobotTrack()
-    track.add_speed(0.2, 0.0)
+    track.add_pose(Pose(0.0, 0.0, math.pi), time=5.0)
+    assert track.at_rest
+    track.add_pose(Pose(0.02, 0.0, math.pi), time=5.1)
     assert not track.at_rest
-    track.add_speed(0.0, -0.3)
+    track.add_pose(Pose(0.02, 0.0, math.pi - 0.03), time=5.2)
     assert not track.at_rest
-    track.add_speed(0.0, 0.0)
+    track.add_pose(Pose(0.02, 0.0, -math.pi - 0.03), time=5.3)
     assert track.at_rest
 
 

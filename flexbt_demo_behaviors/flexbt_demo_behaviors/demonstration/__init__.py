@@ -2,6 +2,7 @@
 """The executable ``demo``: processes, session, scripted operator, report and picture."""
 
 from .demo_processes import (
+    ODOM_RATE,
     DemoSettings,
     ParameterValue,
     Process,
@@ -29,6 +30,7 @@ __all__ = [
     'DISCOVERY_PORT_STEP',
     'DOMAINS',
     'DRIVE_TIMEOUT_S',
+    'ODOM_RATE',
     'POINT_DISTANCE',
     'READY_TIMEOUT_S',
     'Box',

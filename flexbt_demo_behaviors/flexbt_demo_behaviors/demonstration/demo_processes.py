@@ -7,11 +7,15 @@ import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from flexbt_console.commands import load_places
 from flexbt_console.errors import UsageError
+
+ODOM_RATE: Final = 20.0
+"""Poses in a second of the simulated world: each wakes every process."""
 
 ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -96,7 +100,7 @@ def page_command(port: int) -> list[str]:
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
     """The processes behind the operator's console, in the order in which they are started."""
     simulated: dict[str, ParameterValue] = {'use_sim_time': True}
-    world: dict[str, ParameterValue] = {'speed_factor': settings.speed}
+    world: dict[str, ParameterValue] = {'speed_factor': settings.speed, 'odom_rate': ODOM_RATE}
     if settings.map:
         world['map'] = settings.map
     if settings.start is not None:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion
-from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.qos import QoSProfile
 
 from flexbt_common import names
@@ -26,7 +26,10 @@ POSE_BYTES = 2_000
 
 
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
-    """Subscribe to map, true pose, speed, plans, and what trees do, for as long as the node lives."""
+    """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
+
+    Not to the odometry: while somebody listens to that, the simulator publishes as often as in a drive.
+    """
 
     def on_map(message: OccupancyGrid) -> None:
         info = message.info
@@ -38,9 +41,6 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
         message: PoseStamped = received.unpack(PoseStamped)
         position = message.pose.position
         track.add_pose(Pose(position.x, position.y, yaw_of(message.pose.orientation)), seconds_of(message.header.stamp))
-
-    def on_odometry(message: Odometry) -> None:
-        track.add_speed(message.twist.twist.linear.x, message.twist.twist.angular.z)
 
     def on_plan(message: Path) -> None:
         track.add_plan([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])
@@ -57,7 +57,6 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     def subscribe() -> None:
         node = runtime.node
         node.create_subscription(OccupancyGrid, names.MAP, on_map, names.latched())
-        node.create_subscription(Odometry, names.ODOM, on_odometry, 10)
         node.create_subscription(Path, names.PLAN, on_plan, 10)
         # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
         ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)

@@ -73,6 +73,10 @@ class RobotTrack:
     def add_pose(self, pose: Pose, time: float) -> None:
         """Take the true pose of the robot at a simulated time, in seconds."""
         with self._lock:
+            before, passed = self._pose, time - self._time
+            if before is not None and passed > 0.0:
+                turned = math.remainder(pose.yaw - before.yaw, math.tau)
+                self._moving = before.distance(pose) > REST_SPEED * passed or abs(turned) > REST_TURN * passed
             self._pose = pose
             self._time = time
             last = self._way[-1][1] if self._way else None
@@ -81,15 +85,6 @@ class RobotTrack:
                 self._way.append((time, pose))
                 self._length += step
         self.on_change()
-
-    def add_speed(self, forward: float, turn: float) -> None:
-        """Take the true speed of the robot, in m/s and rad/s."""
-        moving = abs(forward) > REST_SPEED or abs(turn) > REST_TURN
-        with self._lock:
-            changed = moving != self._moving
-            self._moving = moving
-        if changed:
-            self.on_change()
 
     def add_plan(self, points: list[Point]) -> None:
         """Take a planned path. A plan to the same end as the last one is a replan on the way and is not kept."""

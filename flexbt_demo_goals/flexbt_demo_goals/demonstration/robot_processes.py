@@ -9,7 +9,7 @@ from typing import Final
 
 from flexbt_common import names
 from flexbt_core.values import load_places
-from flexbt_demo_behaviors.demonstration import ParameterValue, Process
+from flexbt_demo_behaviors.demonstration import ODOM_RATE, ParameterValue, Process
 from flexbt_demo_goals.leaves import config_file
 from flexbt_sim.world import Pose, World
 
@@ -22,6 +22,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
     simulated: Mapping[str, ParameterValue] = {'use_sim_time': True}
     world: Mapping[str, ParameterValue] = {
         'speed_factor': speed,
+        'odom_rate': ODOM_RATE,
         'world': config_file('flat.yaml'),
         'robot_namespaces': False,
         'desired_linear_vel': SPEED,

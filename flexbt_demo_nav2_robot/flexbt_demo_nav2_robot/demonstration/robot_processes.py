@@ -11,7 +11,7 @@ from ament_index_python.packages import get_package_share_directory
 
 from flexbt_common import names
 from flexbt_core.values import load_places
-from flexbt_demo_behaviors.demonstration import ParameterValue, Process
+from flexbt_demo_behaviors.demonstration import ODOM_RATE, ParameterValue, Process
 from flexbt_sim.world import Pose, World
 
 PACKAGE: Final = 'flexbt_demo_nav2_robot'
@@ -37,6 +37,7 @@ def robot_processes(speed: float) -> tuple[Process, ...]:
     }
     world: Mapping[str, ParameterValue] = {
         'speed_factor': speed,
+        'odom_rate': ODOM_RATE,
         'world': config_file('warehouse.yaml'),
         'robot_namespaces': False,
     }

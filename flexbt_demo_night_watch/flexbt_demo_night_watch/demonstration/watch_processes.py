@@ -11,7 +11,7 @@ from typing import Final
 from ament_index_python.packages import get_package_share_directory
 
 from flexbt_core.values import load_places
-from flexbt_demo_behaviors.demonstration import Pose, Process
+from flexbt_demo_behaviors.demonstration import ODOM_RATE, Pose, Process
 from flexbt_sim.world import Pose as WorldPose
 from flexbt_sim.world import World
 
@@ -30,7 +30,7 @@ def watch_processes(speed: float) -> tuple[Process, ...]:
     """The simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
     second."""
     building = config_file('building.yaml')
-    world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': building, 'odom_rate': 20.0})
+    world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': building, 'odom_rate': ODOM_RATE})
     return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
 
 
