@@ -7,6 +7,7 @@ import re
 import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -43,6 +44,7 @@ Right = tuple[str, str]
 """What may be done, and with what: ('publish', '/cmd_vel'); an action is a name with the word execute or call."""
 
 
+@cache
 def policy(*words: str) -> dict[tuple[str, str], set[Right]]:
     """The policy: the rights by (enclave, node)."""
     program = Path(get_package_prefix('flexbt_tools')) / 'lib/flexbt_tools/security_policy'
