@@ -20,7 +20,7 @@ ALL_ARE_READY = """until console status --json --timeout 60 | python3 -c "
 import json, sys
 ready = {peer['name'] for peer in json.load(sys.stdin)['peers'] if peer['ready']}
 sys.exit(not {'/simulator', '/navigation', '/bt_server'} <= ready)
-"; do sleep 0.2; done"""
+"; do sleep 1; done"""
 """On a busy machine a robot begins more slowly than a person types."""
 
 

@@ -14,8 +14,11 @@ from typing import Any
 
 from aiohttp import ClientSession, WSMsgType
 
+from flexbt_common.runtime import NodeRuntime
 from flexbt_console.mirror import View
 from flexbt_console.recording.player import RunPlayer
+from flexbt_msgs.msg import ExecutiveStatus, PendingDecision
+from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.system.console_process import console_answer, run_console, start_console
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import wait_until
@@ -27,20 +30,6 @@ GOAL = (10.0, 2.3)
 def console(*words: str) -> Any:
     """What a command of ann's console, which is opened for it, answers."""
     return console_answer(*words, '--operator', 'ann')
-
-
-def answered(words: tuple[str, ...], done: Callable[[Any], object]) -> Any:
-    """What a command answers as soon as that is what is waited for."""
-    found: list[Any] = []
-
-    def look() -> bool:
-        found.append(console(*words))
-        with suppress(IndexError):
-            return bool(done(found[-1]))
-        return False
-
-    wait_until(look, lambda: f'{words}: {str(found[-1:])[:2000]}', DEADLINE)
-    return found[-1]
 
 
 def late_page(done: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
@@ -72,6 +61,11 @@ def late_page(done: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
             web.kill()
 
 
+def is_judged(status: ExecutiveStatus) -> bool:
+    """Whether the operator is asked for a choice."""
+    return bool(status.decisions[0].kind == PendingDecision.CHOICE)
+
+
 def ends_at_goal(points: Any) -> bool:
     """Whether a path leads to the goal."""
     return len(points) > 2 and max(abs(points[-1][0] - GOAL[0]), abs(points[-1][1] - GOAL[1])) < 0.3
@@ -79,14 +73,15 @@ def ends_at_goal(points: Any) -> bool:
 
 def test_who_comes_late_sees_the_path_and_the_goal_that_are_to_be_judged(tmp_path: Path) -> None:
     file = tmp_path / 'run.mcap'
-    with Stack(tmp_path) as stack:
+    with Stack(tmp_path) as stack, NodeRuntime.open('early') as runtime:
+        early = Operator(runtime)  # waits: each look of a console that is opened for it would cost half a second
         stack.start_all({'speed_factor': '2.0'}, onboard_executive={'journal_directory': str(tmp_path)}, in_one=True)
-        answered(('status',), lambda status: status['peers'] and all(peer['ready'] for peer in status['peers']))
+        early.wait_for(lambda status: status.peers and all(peer.ready for peer in status.peers), 'all are ready')
         console('start', 'Navigate Split', '--autonomy', 'high')
-        answered(('status',), lambda status: status['decisions'][0]['kind'] == 'input')
+        early.wait_for(lambda status: status.decisions[0].kind == PendingDecision.INPUT, 'the question for a goal')
         console('input', f'{GOAL[0]} {GOAL[1]} 0')
-        status = answered(('status',), lambda status: status['decisions'][0]['kind'] == 'choice')
-        assert status['decisions'][0]['subject'] == ['path', 'goal']
+        early.wait_for(is_judged, 'the question about the path')
+        assert console('status')['decisions'][0]['subject'] == ['path', 'goal']
 
         def sees_all() -> None:
             """Every console that is opened now, and none of them was there when the path was planned."""
@@ -101,15 +96,15 @@ def test_who_comes_late_sees_the_path_and_the_goal_that_are_to_be_judged(tmp_pat
         sees_all()
         stack.kill('onboard_executive')
         stack.start('onboard_executive', {'journal_directory': str(tmp_path)})
-        answered(('status',), lambda status: status['state'] == 'interrupted')
+        early.wait_for(lambda status: status.state == ExecutiveStatus.INTERRUPTED, 'the run that can be resumed')
         console('resume')
-        answered(('status',), lambda status: status['decisions'][0]['kind'] == 'choice')
+        early.wait_for(is_judged, 'the question about the path')
         sees_all()
 
         stack.start('recorder', {'use_sim_time': 'false', 'file': str(file)})
         wait_until(lambda: 'ready: hears all' in stack.output('recorder'), 'the recorder hears all', DEADLINE)
         console('confirm')
-        answered(('status',), lambda status: status['active_states'][0]['path'] == '/FollowPath')
+        early.wait_active('/FollowPath')
         assert ends_at_goal(console('map')['plan'])
         driven = late_page(lambda parts: parts['active']['paths'] == ['/', '/FollowPath'] and len(parts['plan']) > 2)
         assert ends_at_goal(driven['plan'])
