@@ -128,8 +128,11 @@ class SurroundingsLink:
         return self._servers[participant]
 
     def _trees_matched(self, event: Any) -> None:
-        if event.current_count == 0:
-            self._mirror.tree_servers_left()
+        if event.current_count_change < 0:
+            topic = names.of_robot(self._namespace, names.TREE_STATUS)
+            there = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+            known = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in there}
+            self._mirror.tree_servers_left(known if event.current_count > 0 else ())
 
 
 class SurroundingsFeed:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -262,10 +262,10 @@ class Mirror:
         if is_newer:
             self._tell(Change.TREE)
 
-    def tree_servers_left(self) -> None:
-        """Take that the middleware says that nobody sends statuses of trees any more."""
+    def tree_servers_left(self, there: Collection[str] = ()) -> None:
+        """Take that the middleware says that nobody sends statuses of trees any more, but for these nodes."""
         with self._lock:
-            self._trees.servers_left(self._now())
+            self._trees.servers_left(there, self._now())
         self._tell(Change.TREE)
 
     def receive_map(self, map: GridMap) -> None:

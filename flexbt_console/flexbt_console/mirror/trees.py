@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final
@@ -164,10 +164,10 @@ class Trees:
         for run_id, run in self._runs.items():
             self._runs[run_id] = self._judged(run, now)
 
-    def servers_left(self, now: float) -> None:
-        """Take that the middleware misses everybody who has told of trees."""
+    def servers_left(self, there: Collection[str], now: float) -> None:
+        """Take that the middleware misses who has told of trees, but for these nodes."""
         for run_id, run in self._runs.items():
-            if run.is_running:
+            if run.is_running and (run.server not in there if run.server else not there):
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
 
     def receive_structure(

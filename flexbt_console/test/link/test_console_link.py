@@ -126,8 +126,9 @@ def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_l
 
 
 def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> None:
-    with station('wood') as operator:
+    with station('wood') as operator, NodeRuntime.open('other', namespace='wood') as other:
         operator.link.open_surroundings()
+        other.call(lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.latched()))  # it stays
         with NodeRuntime.open('my_server', namespace='wood') as server:
             status = TreeStatus(run_id='t', structure=1, statuses=[TreeStatus.RUNNING])
 

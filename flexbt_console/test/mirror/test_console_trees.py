@@ -248,7 +248,9 @@ def test_a_server_that_is_heard_again_runs_its_trees() -> None:
     assert robot.has_lost()  # until the executive hears it, too
     robot.says(alive=True, since=4.5)
     assert robot.runs()
-    robot.trees.servers_left(robot.now)  # the link was down for longer than the middleware waits
+    robot.trees.servers_left({'/bt_server'}, robot.now)
+    assert robot.runs()
+    robot.trees.servers_left({'/other'}, robot.now)  # the link was down for longer than the middleware waits
     assert robot.has_lost()
     robot.says(alive=True, since=4.5)
     assert robot.has_lost()
