@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
+from flexbt_core.values import open_regular
+
 __all__ = ['is_dynamic', 'release_large_messages']
 
 _MMAP_THRESHOLD: Final = -3
@@ -59,7 +61,8 @@ def is_dynamic(profile: Path) -> bool:
     word of it, Fast DDS refuses messages that are larger than the first. The profile of a topic has the topic's name.
     """
     try:
-        root = ElementTree.fromstring(profile.read_bytes())  # noqa: S314  # of the user; expat bounds its entities
+        with open(profile, 'rb', opener=open_regular) as content:
+            root = ElementTree.parse(content).getroot()  # noqa: S314  # of the user; expat bounds its entities
     except (OSError, ElementTree.ParseError, ValueError, LookupError):  # the last two: of unknown encodings
         return False
     elements = list(root.iter())

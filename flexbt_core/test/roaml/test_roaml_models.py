@@ -417,6 +417,11 @@ def test_data_of_all_types(tmp_path: Path) -> None:
     assert {name: checked(main, name).value for name in properties} == dict.fromkeys(properties, 1.0)
 
 
+def test_a_file_of_a_model_that_never_ends_is_refused() -> None:
+    with pytest.raises(TreeLoadError, match='it is a pipe or device; give a regular file'):
+        Model('/dev/zero')
+
+
 # -- trees -----------------------------------------------------------------------------------------------------------
 
 TRY = """idle|<bt_declare_port_in key="chance" type="float32"/>

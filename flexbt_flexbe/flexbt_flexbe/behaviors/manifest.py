@@ -9,6 +9,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Final
 
+from flexbt_core.values import open_regular
 from flexbt_flexbe.errors import FlexbeManifestError
 from flexbt_onboard.behaviors import BehaviorManifest, BehaviorParameter, ParameterValue
 from flexbt_onboard.errors import OnboardError
@@ -60,7 +61,8 @@ def read_manifest(file: Path) -> FlexbeManifest:
         FlexbeManifestError: it is none, or says what cannot be; names the file and the reason.
     """
     try:
-        root = ElementTree.parse(file).getroot()  # noqa: S314
+        with open(file, 'rb', opener=open_regular) as content:
+            root = ElementTree.parse(content).getroot()  # noqa: S314
         return _read(file, root)
     except (OSError, ElementTree.ParseError, OnboardError, ValueError) as error:
         raise FlexbeManifestError(f'{file}: {error}') from None

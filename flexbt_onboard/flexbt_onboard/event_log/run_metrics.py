@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.skills import SkillError, SkillMonitor
-from flexbt_core.values import load_json, open_regular
+from flexbt_core.values import TextFileError, load_json, open_regular
 
 Event = Mapping[str, Any]
 
@@ -175,7 +175,11 @@ def read_events(files: Iterable[Path]) -> Iterator[Event]:
         OSError: a file cannot be read.
     """
     for file in files:
-        with open(file, encoding='utf-8', errors='replace', opener=open_regular) as lines:
+        try:
+            lines = open(file, encoding='utf-8', errors='replace', opener=open_regular)  # noqa: SIM115
+        except TextFileError as error:
+            raise TextFileError(f'{file}: {error}') from None
+        with lines:
             for line in lines:
                 try:
                     event = load_json(line)

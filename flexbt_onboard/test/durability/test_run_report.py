@@ -166,6 +166,8 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert [one.get('class') for one in picture.iter() if one.tag.endswith('line') and one.get('class') == 'who']
     assert main([file, '--run', 'nonsense']) == 1
     assert main([str(tmp_path / 'missing.jsonl')]) == 2
+    assert main(['/dev/zero']) == 2
+    assert 'run_report: /dev/zero: it is a pipe or device' in capsys.readouterr().err
 
 
 def test_without_a_file_it_is_of_the_executive_that_ran_last(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.runtime import resolve_file
+from flexbt_core.values import open_regular
 
 Stamp = tuple[int, int, int]
 
@@ -41,7 +42,7 @@ class TreeFiles:
         """Content and state of a file. Raises ResourceError or OSError."""
         path = resolve_file(name, self._allowed)
         stamp = _stamp(path)
-        with path.open('rb') as file:
+        with open(path, 'rb', opener=open_regular) as file:
             # One byte more than may be read: the reader refuses it as too long, with its place.
             content = file.read(self._max_size + 1)
         return content, Source(hashlib.sha256(content).digest(), path, stamp)

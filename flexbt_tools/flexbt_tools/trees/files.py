@@ -15,6 +15,7 @@ from flexbt_core.behavior_tree import LoadError, NodeRegistry, TreeDocument, Tre
 from flexbt_core.behavior_tree.model import tree_name_problem
 from flexbt_core.behavior_tree.xml import MAX_BYTES
 from flexbt_core.errors import FlexbtError
+from flexbt_core.values import open_regular
 from flexbt_tools.errors import RefusedError
 
 from .stand_ins import OpenRegistry, add_models
@@ -93,7 +94,7 @@ def _content(file: str) -> bytes:
     # One byte more than may be read: the reader refuses it as too long, with its place.
     if file == STDIN:
         return sys.stdin.buffer.read(MAX_BYTES + 1)
-    with Path(file).open('rb') as content:
+    with open(file, 'rb', opener=open_regular) as content:
         return content.read(MAX_BYTES + 1)
 
 

@@ -72,6 +72,37 @@ def test_an_include_from_a_package_needs_ros(tmp_path: Path) -> None:
     assert f"{file}:2:22: error: <include>: 'b.xml' cannot be included: a/b.xml: no installed package 'a'" in here
 
 
+@pytest.mark.parametrize('is_pipe', [True, False])
+def test_a_pipe_or_device_is_refused_by_every_command(tmp_path: Path, is_pipe: bool) -> None:
+    tree = write(tmp_path, '<AlwaysSuccess/>')
+    file = str(tmp_path / 'pipe') if is_pipe else '/dev/zero'
+    if is_pipe:
+        os.mkfifo(file)  # opening it would wait for ever
+    (tmp_path / 'scene.actions.jsonl.gz').symlink_to(file)
+    (tmp_path / 'including.xml').write_text(f'<root BTCPP_format="4"><include path="{file}"/></root>')
+    for words in (
+        ('check', file),
+        ('check', str(tmp_path / 'including.xml')),
+        ('check', tree, '--models', file),
+        ('check', tree, '--skills', file),
+        ('draw', file),
+        ('log', file),
+        ('plan', file),
+        ('plan', str(tmp_path / 'scene.json'), '--goal', 'held'),
+        ('prove', file),
+        ('prove', tree, '--against', file),
+        ('prove', tree, '--requirements', file),
+        ('run', file),
+        ('run', tree, '--blackboard', file),
+        ('run', tree, '--mock', file),
+        ('show', file),
+        ('skills', file),
+    ):
+        done = tool(*words)
+        assert done.code != 0, words
+        assert 'it is a pipe or device; give a regular file' in done.out + done.err, (words, done)
+
+
 def program(*words: str) -> list[str]:
     return [sys.executable, '-m', 'flexbt_tools.cli.bt_tool', *words]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Final, NoReturn
 
 from flexbt_core.behavior_tree import LoadError, TreeLoadError
 from flexbt_core.behavior_tree.model import Source
 from flexbt_core.behavior_tree.xml import MAX_BYTES, Element, decode, parse
-from flexbt_core.values import hint
+from flexbt_core.values import hint, open_regular
 
 _TAG_END: Final = re.compile(r'[^<>]*>')
 
@@ -108,7 +107,8 @@ class Node:
 def read_text(path: str, asked: Node | None = None) -> str:
     """The text of a file of the model. Raises ModelError, which names the element that asked for it."""
     try:
-        return decode(Path(path).read_bytes(), path, MAX_BYTES)
+        with open(path, 'rb', opener=open_regular) as content:
+            return decode(content.read(MAX_BYTES + 1), path, MAX_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or str(error)
         message = f'the file {path} cannot be read: {reason}; correct the path, which is relative to this file'

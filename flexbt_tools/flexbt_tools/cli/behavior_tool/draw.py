@@ -7,6 +7,7 @@ import argparse
 
 from flexbt_common.pictures import machine_as_dot, machine_as_mermaid
 from flexbt_core.synthesis.machines import reasons
+from flexbt_core.values import read_text
 from flexbt_tools.behaviors import UsedTrees, graph_of, machine_file, used_trees
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
@@ -32,7 +33,7 @@ def run(options: argparse.Namespace) -> ExitCode:
     if not options.no_trees:
         used = used_trees(behavior.machine, options.trees, arguments.registry(options, allow_unknown=True))
     file = machine_file(options.name)
-    why = {} if file is None else reasons(file.read_text(encoding='utf-8-sig'))
+    why = {} if file is None else reasons(read_text(file))
     graph = graph_of(behavior.machine, used, expand=options.expand, ports=options.ports, reasons=why)
     picture_output.write(
         options, lambda: machine_as_dot(graph, behavior.name), lambda: machine_as_mermaid(graph, behavior.name)

@@ -32,7 +32,7 @@ from flexbt_core.planning import (
     tree_xml,
 )
 from flexbt_core.skills import SkillError, clashes, parse_literal
-from flexbt_core.values import lines, one_line, shown
+from flexbt_core.values import lines, one_line, open_regular, shown
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.skills import mission_problems, mission_skills, read_mission_file
@@ -158,7 +158,7 @@ def _problem(options: argparse.Namespace) -> Problem | Team:
 def _scene(options: argparse.Namespace) -> Problem:
     actions = Path(options.mission.removesuffix('.json') + '.actions.jsonl.gz')
     try:
-        with gzip.open(actions) as packed:
+        with open(actions, 'rb', opener=open_regular) as file, gzip.open(file) as packed:
             data = packed.read(_MOST_BYTES + 1)
         text = data.decode()
     except (OSError, EOFError, UnicodeDecodeError) as error:

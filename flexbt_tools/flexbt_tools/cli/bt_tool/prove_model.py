@@ -6,11 +6,10 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from flexbt_core.behavior_tree import TreeLoadError
 from flexbt_core.roaml import CheckProgress, Limits, Method, Model, ModelFault, Order, Property, Result, check, is_model
-from flexbt_core.values import hint, one_line
+from flexbt_core.values import hint, one_line, open_regular
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
 from flexbt_tools.proofs import ProgressLine, result_as_json, result_lines
@@ -64,7 +63,7 @@ def is_asked(files: Sequence[str]) -> bool:
 
 def _is_model(file: str) -> bool:
     try:
-        with Path(file).open(encoding='utf-8', errors='replace') as opened:
+        with open(file, encoding='utf-8', errors='replace', opener=open_regular) as opened:
             return is_model(opened.read(_HEAD))
     except OSError:
         return False  # whoever reads trees tells of it
