@@ -61,12 +61,16 @@ def pytest_load_initial_conftests() -> None:
 def pytest_configure() -> None:
     """How examples of hypothesis are drawn.
 
-    They are the same in each run, so that a test that fails was broken by a change; with FLEXBT_FUZZ (`make fuzz`) they
-    are new ones. One may take long on a busy machine; what has to be fast says so by itself.
+    They are the same in each run, so that a test that fails was broken by a change, and few; with FLEXBT_FUZZ
+    (`make fuzz`) they are new ones, and more. One may take long on a busy machine; what has to be fast says so by
+    itself.
     """
     from hypothesis import settings
 
-    settings.register_profile('flexbt', deadline=None, derandomize='FLEXBT_FUZZ' not in os.environ)
+    is_fuzzing = 'FLEXBT_FUZZ' in os.environ
+    settings.register_profile(
+        'flexbt', deadline=None, derandomize=not is_fuzzing, max_examples=200 if is_fuzzing else 50
+    )
     settings.load_profile('flexbt')
 
 

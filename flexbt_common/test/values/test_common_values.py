@@ -124,7 +124,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize('name', MESSAGES)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 2**32))
 def test_every_message_survives_both_encodings(name: str, seed: int) -> None:
     value = check_value(MessageGenerator(seed).fields(name), name)
@@ -138,7 +138,7 @@ def test_every_message_survives_both_encodings(name: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize('name', sorted(PRIMITIVES))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_every_primitive_and_array_of_it_survives(name: str, data: st.DataObject) -> None:
     slot = PRIMITIVES[name]
@@ -151,13 +151,13 @@ def test_every_primitive_and_array_of_it_survives(name: str, data: st.DataObject
     assert same(from_entry(to_entry('k', values, f'{name}[]')), values)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.text(st.characters(exclude_categories=['Cs']), max_size=20))
 def test_the_text_of_a_string_is_read_back_whatever_it_looks_like(text: str) -> None:
     assert text_to_value(value_to_text(text), 'string') == text
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     st.text(max_size=30),
     st.sampled_from(['geometry_msgs/msg/PoseStamped', 'float64', 'int32[]', 'bool', 'string']),

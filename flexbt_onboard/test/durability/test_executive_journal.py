@@ -125,7 +125,7 @@ def written(journal: Journal) -> Journal:
 # -- what is read of a file -------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(st.lists(LINES, max_size=12))
 def test_what_is_written_is_read(lines: list[Line]) -> None:
     found = read_journal(file_of(lines))
@@ -191,7 +191,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.lists(JSON, min_size=1, max_size=4))
 def test_lines_of_any_json_are_told_or_fit(contents: list[Any]) -> None:
     found = read_journal(file_of([STORY[1], *contents, STORY[2]]))

@@ -70,7 +70,7 @@ def plain(value: Any) -> Any:
     return type(value), repr(value)  # not its CDR: that has whatever was in memory between fields
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.dictionaries(st.sampled_from('abcd'), messages() | st.lists(messages(), max_size=3)),
     st.lists(stamped(), max_size=2),

@@ -67,7 +67,7 @@ def test_room_is_a_circle_on_the_map_in_which_no_obstacle_is(
             assert costmap.has_room(pose, radius) == (nearest > radius)
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=50)
 @given(st.data(), worlds(size=24), st.floats(0.0, 0.6))
 def test_a_clear_line_is_free_all_along_and_one_with_room_is_clear(
     data: st.DataObject, world: OccupancyMap, radius: float
@@ -100,7 +100,7 @@ def test_unknown_cells_are_free() -> None:
 FOOTPRINTS = (box(0.5, 0.3), Polygon(((0.4, 0.0), (-0.2, 0.25), (-0.1, 0.0), (-0.2, -0.25))), box(1.2, 0.1))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(st.data(), worlds(size=20, resolutions=(0.05, 0.1)), st.sampled_from(FOOTPRINTS))
 def test_a_polygon_collides_with_the_cells_that_it_overlaps(
     data: st.DataObject, world: OccupancyMap, footprint: Polygon

@@ -96,7 +96,7 @@ CAR_DOCK = Pose(20.0 - 3.4 - 0.1, 10.0, 0.0)
 """Before the wall, with 10 cm to spare."""
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=6)
 @given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2), st.integers(0, 3))
 def test_a_car_gets_onto_the_dock_and_off_it_without_a_turn_on_the_spot(
     ahead: float, aside: float, turned: float, late: int
@@ -117,7 +117,7 @@ def test_a_car_gets_onto_the_dock_and_off_it_without_a_turn_on_the_spot(
     assert all(abs(command.angular) <= widest * abs(command.linear) for command in done.commands)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=4)
 @given(st.floats(0.4, 0.6), st.sampled_from([-1.0, 1.0]))
 def test_a_car_that_comes_past_the_dock_goes_back_and_tries_again(aside: float, side: float) -> None:
     start = Pose(CAR_DOCK.x - 1.5, CAR_DOCK.y + side * aside, 0.0)

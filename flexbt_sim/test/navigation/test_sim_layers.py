@@ -154,7 +154,7 @@ def test_a_local_costmap_is_never_without_what_was_seen_last() -> None:
     assert marks(other) == known
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.data(), worlds(least=10, size=60))
 def test_what_is_computed_anew_in_part_is_what_is_computed_as_a_whole(data: st.DataObject, world: OccupancyMap) -> None:
     layers = LayeredCostmap(Costmap(world, INFLATION), window=data.draw(st.sampled_from([1.0, 3.0, math.inf])))
@@ -167,7 +167,7 @@ def test_what_is_computed_anew_in_part_is_what_is_computed_as_a_whole(data: st.D
         assert layers.costmap.costs.tolist() == whole.costs.tolist()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(st.data(), worlds())
 def test_compiled_or_not_the_same_cells_are_marked(data: st.DataObject, world: OccupancyMap) -> None:
     number = st.floats(-10.0, 70.0)

@@ -57,7 +57,7 @@ def costs(world: OccupancyMap) -> Costmap:
     return Costmap(world, Inflation())
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 @given(st.floats(-15.0, 15.0), st.integers(0, 3))
 def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
     motion = SpinMotion(angle, 0.0, costs(OPEN))
@@ -84,7 +84,7 @@ def test_a_robot_that_overlaps_a_wall_of_its_map_is_not_turned() -> None:
     assert (done.code, done.robot.pose.yaw) == ('COLLISION_AHEAD', 0.0)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=30)
 @given(st.data(), worlds(border=True), st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 def test_an_operator_cannot_drive_the_robot_into_an_obstacle(
     data: st.DataObject, world: OccupancyMap, linear: float, angular: float
@@ -121,7 +121,7 @@ def test_a_command_is_scaled_by_the_time_until_a_collision(gap: float, share: fl
     assert sent == pytest.approx((share, 0.1 * share))
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(st.floats(0.0, 2.0), st.sampled_from([-1.0, 1.0]), st.floats(0.05, 3.0), st.integers(0, 3))
 def test_a_drive_covers_its_distance_straight_ahead_or_back(
     distance: float, sign: float, speed: float, late: int
@@ -147,7 +147,7 @@ def way_ahead(world: OccupancyMap, start: Pose, sign: float, distance: float) ->
     return float(lengths[stops[0]]) if stops.size else distance
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=40)
 @given(st.data(), worlds(), st.floats(0.05, 2.0), st.sampled_from([-1.0, 1.0]), st.sampled_from([0.1, 0.26, 5.0]))
 def test_a_drive_is_complete_or_an_obstacle_is_ahead_and_not_touched(
     data: st.DataObject, world: OccupancyMap, distance: float, sign: float, speed: float

@@ -66,7 +66,7 @@ def test_where_the_robot_is_on_its_path() -> None:
     assert motion.place(Pose(2.5, 1.05, 0.1))[:2] == pytest.approx((-0.05, 0.1))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.data(), worlds(least=30, size=90, blocks=14, resolutions=(0.03, 0.05, 0.1)), st.integers(0, 3))
 def test_it_arrives_wherever_a_plan_leads(data: st.DataObject, world: OccupancyMap, late: int) -> None:
     anywhere = free_places(world, RADIUS + 0.01)
@@ -382,7 +382,7 @@ RATES = st.floats(-0.03, 0.03)
 """Of a drift, m/s and rad/s: much more than an odometry has."""
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=10)
 @given(RATES, RATES, st.floats(-0.01, 0.01), st.floats(2.5, 5.5), st.floats(2.0, 4.0), st.integers(0, 2))
 def test_it_arrives_where_a_path_ends_whose_frame_drifts(
     x: float, y: float, yaw: float, to_x: float, to_y: float, late: int

@@ -124,7 +124,7 @@ JSON = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_a_damaged_file_is_a_graph_or_a_graph_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

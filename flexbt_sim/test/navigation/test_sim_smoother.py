@@ -64,7 +64,7 @@ def test_it_ends_where_the_iteration_of_nav2_ends() -> None:
     numpy.testing.assert_allclose([pose[:2] for pose in smoothed], as_nav2_does(path), atol=1e-8)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(st.data(), worlds(least=15, border=True, resolutions=(0.05, 0.1)), st.integers(0, 5))
 def test_a_planned_path_gets_smoother_keeps_its_ends_and_enters_no_obstacle(
     data: st.DataObject, world: OccupancyMap, refinements: int

@@ -27,7 +27,7 @@ def grouped(parts: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
 
 
 @given(st.recursive(atoms, grouped, max_leaves=6), st.text('abc.', max_size=8))
-@settings(max_examples=300)
+@settings(max_examples=120)
 def test_names_are_matched_as_by_python(pattern: str, name: str) -> None:
     assert NameFilter(pattern)(name) is (re.fullmatch(pattern, name) is not None)
 

@@ -147,7 +147,7 @@ IMAGES = [
 ]
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     st.sampled_from(IMAGES),
     st.lists(st.tuples(st.integers(0, 60), st.binary(max_size=2)), max_size=4),

@@ -94,7 +94,7 @@ def test_it_never_overlaps_an_obstacle_and_keeps_its_limits(
         assert stopped_by_a_wall or abs(robot.linear - linear) <= limits.linear_acceleration * duration + ROUNDING
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(st.data(), st.lists(st.tuples(st.integers(1, 60), st.none() | commands), min_size=1, max_size=8))
 def test_what_happens_does_not_depend_on_how_the_time_is_passed(
     data: st.DataObject, run: list[tuple[int, tuple[float, float] | None]]

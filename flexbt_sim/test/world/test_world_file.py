@@ -236,7 +236,7 @@ null ~ true -1 0 1e-9 1e308 1e999 .nan -.inf 123456789012345678901234567890 0x10
 TEXTS = ('', '&a [*a]', '{x: 1}', '{<<: {x: 1}}', '!!timestamp x', '\t', '\0', '[' * 3000, '{a: ' * 3000)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.sampled_from(PARTS), st.sampled_from([*WORDS.split(), *TEXTS])), min_size=1, max_size=3))
 def test_whatever_is_written_is_a_world_or_is_told_with_its_line(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[tuple[int, int], str]]

@@ -90,7 +90,7 @@ def try_to_add(
             continue
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=20)
 @given(st.data(), worlds(least=20, resolutions=(0.05, 0.1)) | st.none())
 def test_nothing_ever_overlaps_whatever_is_commanded(data: st.DataObject, grid: OccupancyMap | None) -> None:
     world = World(grid, seed=data.draw(st.integers(0, 9)), step=data.draw(st.sampled_from([0.01, 0.02, 0.1])))
@@ -284,7 +284,7 @@ def serve(world: World, call: tuple[Any, ...]) -> str:
     return ''
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.lists(st.tuples(calls, st.integers(0, 12), st.booleans()), max_size=20))
 def test_services_at_the_same_simulated_times_give_the_same_bits(script: list[tuple[Any, int, bool]]) -> None:
     """Of two worlds the second makes all steps between two calls at once, is looked at, and its scans are not always
