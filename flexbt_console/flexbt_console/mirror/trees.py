@@ -151,6 +151,7 @@ class Trees:
         self._runs: OrderedDict[str, TreeRun] = OrderedDict()
         self._executive = ''
         self._peers: dict[str, Peer] = {}
+        self._changed: set[str] = set()  # those that came or went since the snapshot before
 
     def forget_runs(self) -> None:
         """Forget all runs: they are not heard any more."""
@@ -160,7 +161,9 @@ class Trees:
         """Take what an executive knows of its peers. The runs of a server that is gone, or was replaced by another
         process, do not go on.
         """
+        before = self._peers if executive_id == self._executive else {}
         self._executive, self._peers = executive_id, {peer.name: peer for peer in peers if peer.expected}
+        self._changed = {name for name, peer in self._peers.items() if peer.since != before.get(name, peer).since}
         for run_id, run in self._runs.items():
             self._runs[run_id] = self._judged(run, now)
 
@@ -257,9 +260,11 @@ class Trees:
         executive, since = run.life
         is_over = False
         if executive == self._executive:  # another one does not know how it was before
-            # Whether the latest status was sent before the server came, or went.
+            # Whether the latest status was sent before the server came, or went; other clocks say nothing of that.
             is_before = run.stamp < peer.since if peer.alive else run.stamp <= peer.since
-            is_over = is_before if since == _UNKNOWN else not peer.alive or since != peer.since
+            is_over = since != peer.since or not peer.alive
+            if since == _UNKNOWN:
+                is_over = is_before and peer.name in self._changed
         if is_over:
             return replace(run, life=None, gone_at=now if run.gone_at is None else run.gone_at)
         if peer.alive:

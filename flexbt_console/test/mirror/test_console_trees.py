@@ -239,6 +239,24 @@ def test_a_server_that_is_replaced_between_two_snapshots_has_lost_its_trees() ->
     assert [run.run_id for run in robot.view.drawn_trees] == ['next']  # and nothing of the one before
 
 
+def test_a_status_just_before_the_server_is_replaced_is_none_of_the_other_process() -> None:
+    robot = Robot()
+    robot.says(alive=True, since=0.0)
+    robot.tell()
+    robot.says(alive=True, since=2.5)
+    assert robot.has_lost()
+
+
+def test_a_server_with_another_clock_than_the_executive_is_there() -> None:
+    robot = Robot()
+    for _ in range(2):
+        robot.says(alive=True, since=1.7e9)
+        robot.tell()
+        assert robot.runs()
+    robot.says(alive=False, since=1.7e9 + 5.0)
+    assert robot.has_lost()
+
+
 def test_a_server_that_is_heard_again_runs_its_trees() -> None:
     robot = Robot()
     robot.tell()
