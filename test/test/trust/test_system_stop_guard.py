@@ -32,6 +32,12 @@ REST_SECONDS: Final = 1.0
 REST_METRES: Final = 0.3
 """From a STOP to rest."""
 
+QUIET_SECONDS: Final = 1.0
+"""For which a robot that was stopped is seen at rest: nothing tries again later than that."""
+
+DRIVEN: Final = 0.1
+"""m, after which a robot drives."""
+
 HELD_METRES: Final = 0.05
 """For which a goal that comes later moves a robot that is held."""
 
@@ -118,7 +124,7 @@ def test_a_stop_while_another_program_drives(
         there, stopped = probe.pose, uncontended_time()
         stop_id = probe.send(ExecutiveCommand.STOP)
         ended = goal.wait()
-        probe.wait_at_rest()
+        probe.wait_at_rest(QUIET_SECONDS)
         assert ended.status is not GoalStatus.SUCCEEDED
         assert probe.moved_at - stopped < REST_SECONDS
         assert metres(there, probe.pose) < REST_METRES
@@ -128,7 +134,7 @@ def test_a_stop_while_another_program_drives(
             # What comes meanwhile is stopped as well: the robot is held until an executive has heard of the STOP.
             where = probe.pose
             assert drive(ActionLinks(probe.console), probe).wait().status is not GoalStatus.SUCCEEDED
-            probe.wait_at_rest()
+            probe.wait_at_rest(QUIET_SECONDS)
             assert metres(where, probe.pose) < HELD_METRES
     finally:
         if executive == 'hung':
@@ -137,11 +143,11 @@ def test_a_stop_while_another_program_drives(
             stack.start('onboard_executive')
     wait_until(lambda: not guard.holds, 'the guard lets the robot go')
     probe.wait_ready()
-    probe.drive_to(*FAR)
+    probe.drive_to(*FAR, DRIVEN)
     probe.stop()
     probe.wait_state(ExecutiveStatus.IDLE)
     assert probe.status.outcome == 'preempted'
-    probe.wait_at_rest()
+    probe.wait_at_rest(QUIET_SECONDS)  # a goal that comes sooner may be stopped with it
 
 
 def test_a_stop_of_a_run_whose_executive_hangs(system: tuple[Stack, Probe, Guard]) -> None:
@@ -149,13 +155,13 @@ def test_a_stop_of_a_run_whose_executive_hangs(system: tuple[Stack, Probe, Guard
     stack, probe, guard = system
     probe.wait_ready()
     probe.reset()
-    probe.drive_to(*FAR)
+    probe.drive_to(*FAR, DRIVEN)
     stack.send_signal('onboard_executive', signal.SIGSTOP)
     try:
         stopped = uncontended_time()
         stop_id = probe.send(ExecutiveCommand.STOP)
         wait_until(lambda: guard.has_carried_out(stop_id), 'the guard says that it has stopped the robot')
-        probe.wait_at_rest()
+        probe.wait_at_rest(QUIET_SECONDS)
         assert probe.moved_at - stopped < REST_SECONDS
         where = probe.moved_stamp
     finally:
@@ -163,7 +169,7 @@ def test_a_stop_of_a_run_whose_executive_hangs(system: tuple[Stack, Probe, Guard
     probe.wait_state(ExecutiveStatus.IDLE)
     assert probe.status.outcome == 'preempted'
     wait_until(lambda: not guard.holds, 'the guard lets the robot go')
-    probe.wait_at_rest()
+    probe.wait_at_rest(QUIET_SECONDS)
     assert probe.moved_stamp == where, 'what was stopped moves again'
 
 
