@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -253,6 +255,15 @@ def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Insta
     assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others go on working'
 
 
+def test_a_manifest_that_is_a_pipe_is_not_waited_for(package: Installed) -> None:
+    package.add(bad='')
+    (file,) = package.prefix.rglob('bad.xml')
+    file.unlink()
+    os.mkfifo(file)
+    (bad,) = [entry for entry in package.entries().values() if entry.error]
+    assert 'it is a pipe or device; give a regular file' in bad.error
+
+
 def test_manifests_about_other_packages_and_disabled_ones_are_not_taken(package: Installed) -> None:
     package.add(**{'other': manifest('elsewhere', 'Other', 'x', 'X'), '#old': '<'})
     assert set(package.entries()) == {'Patrol', 'Greet'}
@@ -314,10 +325,14 @@ def test_a_running_behavior_is_switched_to_another_and_keeps_its_active_state(
 OF_CODE = """
 from flexbe_core import Autonomy, Behavior, OperatableStateMachine
 from flexbe_states.log_state import LogState
+import math
+
+TURN = 0.5
 
 
 class RoundsBase(Behavior):
     greeting = 'Hello'
+    LEGS = [[1, 2], 'home']
 
     def __init__(self, node):
         super().__init__()
@@ -331,12 +346,19 @@ class RoundsSM(RoundsBase):
         self.name = 'Rounds'
         self.add_parameter('is_loud', False)
         self.add_parameter('places', dict())
+        self.add_parameter('legs', self.LEGS)
+        self.add_parameter('more', {1: [True, TURN]})
+        self.add_parameter('turn', -2 * math.pi + TURN)
+        self.add_parameter('most', float('inf'))
+        own = 3
+        self.add_parameter('own', own)
+        self.add_parameter('nothing', None)
         for name in ('left', 'right'):
             self.add_parameter(name, 1)
 
     def create(self):
         machine = OperatableStateMachine(outcomes=['finished'])
-        values = [self.rounds, self.is_loud, self.places, self.left, self.right, self.greeting, self.extra]
+        values = [self.rounds, self.is_loud, self.places, self.left, self.right, self.greeting, self.extra, self.legs]
         with machine:
             OperatableStateMachine.add('Say', LogState(text=str(values)), {'done': 'finished'}, {'done': Autonomy.Off})
         return machine
@@ -354,10 +376,21 @@ def rounds(package: Installed) -> BehaviorEntry:
 
 def test_parameters_of_the_code_are_offered_and_have_their_types(rounds: BehaviorEntry, bench: StateBench) -> None:
     offered = [(one.name, one.type, one.default_value) for one in rounds.to_message().parameters]
-    assert offered == [('rounds', 'float', '3.0'), ('is_loud', 'bool', 'false'), ('places', 'string', '')]
-    assert run(bench, rounds) == ["[3, False, {}, 1, 1, 'Hello', 0.5]"]
+    assert offered == [
+        ('rounds', 'float', '3.0'),
+        ('is_loud', 'bool', 'false'),
+        ('places', 'dict', '{}'),
+        ('legs', 'list', '[[1, 2], home]'),
+        ('more', 'dict', '{1: [true, 0.5]}'),
+        ('turn', 'float', str(0.5 - 2 * math.pi)),
+        ('most', 'float', 'inf'),
+        ('own', 'string', ''),
+        ('nothing', 'string', ''),
+    ]
+    assert run(bench, rounds) == ["[3, False, {}, 1, 1, 'Hello', 0.5, [[1, 2], 'home']]"]
     words = [('is_loud', 'true'), ('places', '{home: 1}'), ('left', '7'), ('/right', '8'), ('greeting', 'Hi')]
-    assert run(bench, rounds, *words, ('extra', '2')) == ["[3, True, {'home': 1}, 7, 8, 'Hi', 2.0]"]
+    more = [('legs', '[3]'), ('own', '4'), ('turn', '0'), ('extra', '2')]
+    assert run(bench, rounds, *words, *more) == ["[3, True, {'home': 1}, 7, 8, 'Hi', 2.0, [3]]"]
 
 
 @pytest.mark.parametrize(
@@ -365,6 +398,9 @@ def test_parameters_of_the_code_are_offered_and_have_their_types(rounds: Behavio
     [
         ('lefd', '1', "its code has no parameter 'lefd'; did you mean 'left'?"),
         ('left', 'many', "parameter 'left': 'many' is not a value of type int"),
+        ('legs', '{a: 1}', "parameter 'legs': '{a: 1}' is not a value of type list: it is a dict; write [1, 2]"),
+        ('places', '{a', "parameter 'places': '{a' is not a value of type dict: line 1: no YAML"),
+        ('turn', 'left', "parameter 'turn': 'left' is not a value of type float"),
         ('create', 'x', "no parameter 'create'"),
         ('contains', 'x', "no parameter 'contains'"),
         ('_state_machine', 'x', "no parameter '_state_machine'"),

@@ -15,7 +15,7 @@ from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, BehaviorParameter, Decision, InputValue, Pose, plain_type
 from flexbt_console.present import limits_text
 from flexbt_core import values
-from flexbt_core.values import TextFileError, hint, read_text, shown
+from flexbt_core.values import TextFileError, YamlError, hint, load_yaml, read_text, shown
 
 MOST_COLUMNS: Final = 1000
 """Columns, and rows, of a picture in cells."""
@@ -54,6 +54,7 @@ def assignment(text: str) -> tuple[str, str]:
     return key, value
 
 
+_STRUCTURES: Final[Mapping[str, tuple[type[Any], str]]] = {'list': (list, '[1, 2]'), 'dict': (dict, '{name: 1}')}
 _BOOLEANS: Final = frozenset({'true', 'yes', 'on', '1', 'false', 'no', 'off', '0'})
 
 
@@ -70,6 +71,13 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
         return text
     if parameter.type == 'bool' and text.strip().lower() not in _BOOLEANS:
         raise RefusedError(f'{where} is no bool; expected true or false')
+    if parameter.type in _STRUCTURES:
+        kind, example = _STRUCTURES[parameter.type]
+        try:
+            if not isinstance(load_yaml(text), kind):
+                raise RefusedError(f'{where} is no {parameter.type}; expected YAML such as {example}')
+        except YamlError as error:
+            raise RefusedError(f'{where} is no {parameter.type}: {error}; expected YAML such as {example}') from None
     if parameter.type in ('int', 'float'):
         number = _number(text, int if parameter.type == 'int' else float)
         if math.isnan(number):

@@ -53,6 +53,7 @@ STRUCTURE = Structure(
 )
 BEHAVIORS = (
     Behavior('Drive', parameters=(BehaviorParameter('speed', choices=('slow', 'fast')), BehaviorParameter('n'))),
+    Behavior('Legs', parameters=(BehaviorParameter('legs', 'list', '[]'), BehaviorParameter('stops', 'dict', '{}'))),
     Behavior('Broken', error='no tree'),
 )
 
@@ -150,6 +151,18 @@ def test_start_is_checked_against_the_list_of_behaviors(make: CommandBuilder) ->
     ):
         with pytest.raises(RefusedError, match=message):
             make.start(view(), name, arguments)
+
+
+def test_what_is_typed_for_a_list_or_mapping_is_checked(make: CommandBuilder) -> None:
+    arguments = [('legs', '[1, [2, a]]'), ('stops', '{home: 1}')]
+    assert list(make.start(view(), 'Legs', arguments).arguments) == arguments
+    for name, text, message in (
+        ('legs', '{a: 1}', r"'legs': '{a: 1}' is no list; expected YAML such as \[1, 2\]"),
+        ('stops', '{home', "'stops': '{home' is no dict: line 1: no YAML.*; expected YAML such as {name: 1}"),
+        ('stops', '', "'stops': '' is no dict"),
+    ):
+        with pytest.raises(RefusedError, match=message):
+            make.start(view(), 'Legs', [(name, text)])
 
 
 def test_a_name_of_several_packages_is_refused_with_the_names_to_say(make: CommandBuilder) -> None:

@@ -85,5 +85,6 @@ def _int(value: Any) -> int:
 def _structure(value: Any, kind: type[Any]) -> Any:
     content = load_yaml(value) if isinstance(value, str) else value
     if not isinstance(content, kind):
-        raise ValueError(f'it is a {type(content).__name__}')
+        example = '[1, 2]' if kind is list else '{name: 1}'
+        raise ValueError(f'it is a {type(content).__name__}; write {example}')
     return content

@@ -15,6 +15,7 @@ from typing import Final
 
 from ament_index_python.packages import get_packages_with_prefixes
 
+from flexbt_core.values import open_regular
 from flexbt_flexbe import shim
 from flexbt_flexbe.errors import FlexbeManifestError
 from flexbt_onboard.behaviors import BehaviorEntry, BehaviorManifest, described
@@ -51,9 +52,9 @@ def manifest_files() -> Iterator[tuple[str, Path]]:
 
 def _exports_behaviors(package_xml: Path) -> bool:
     try:
-        if EXPORT not in package_xml.read_text(encoding='utf-8', errors='replace'):
-            return False
-        return ElementTree.parse(package_xml).find(f'export/{EXPORT}') is not None  # noqa: S314
+        with open(package_xml, 'rb', opener=open_regular) as content:
+            text = content.read()
+        return EXPORT.encode() in text and ElementTree.fromstring(text).find(f'export/{EXPORT}') is not None  # noqa: S314
     except (OSError, ElementTree.ParseError):
         return False
 
@@ -63,13 +64,12 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
     try:
         shim.install()
         known = {parameter.name for parameter in parameters}
-        parameters += tuple(one for one in code_parameters(load_class(source)) if one.name not in known)
+        of_code = tuple(one for one in code_parameters(load_class(source)) if one.name not in known)
     except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
         reason = described(error) + _remedy(error)
         return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)
-    return BehaviorEntry(
-        source.manifest.name, source.package, source.manifest, parameters, partial(HostedBehavior, source)
-    )
+    make = partial(HostedBehavior, source, of_code)
+    return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters + of_code, make)
 
 
 def _remedy(error: BaseException) -> str:

@@ -11,10 +11,10 @@ from typing import Any, Final
 
 from flexbt_core.state_machine import OperatableStateMachine, Severity
 from flexbt_core.values import hint, shown
-from flexbt_flexbe.api import YAML_PREFIX, from_yaml_file, is_yaml_file
+from flexbt_flexbe.api import YAML_PREFIX, converted, from_yaml_file, is_yaml_file
 from flexbt_flexbe.api import Behavior as FlexbeBehavior
 from flexbt_flexbe.errors import FlexbeManifestError
-from flexbt_onboard.behaviors import Behavior, current_run
+from flexbt_onboard.behaviors import Behavior, BehaviorParameter, current_run
 from flexbt_onboard.errors import ParameterError
 
 from .harmless_faults import without_harmless_faults
@@ -29,10 +29,12 @@ class HostedBehavior(Behavior):
     Arguments may also name parameters of embedded behaviors by their path, as in ``/Inner/speed``.
     """
 
-    def __init__(self, source: FlexbeManifest) -> None:
+    def __init__(self, source: FlexbeManifest, of_code: Sequence[BehaviorParameter] = ()) -> None:
+        """``of_code`` are the parameters that were found in the code only."""
         self.manifest = source.manifest
         super().__init__()
         self._source = source
+        self._of_code = {parameter.name: parameter for parameter in of_code}
         self._given: dict[str, Any] = {}
 
     def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
@@ -78,7 +80,9 @@ class HostedBehavior(Behavior):
     def _value(self, name: str, text: str) -> Any:
         parameter = next((one for one in self._source.parameters if one.name == name), None)
         if parameter is None:
-            return text  # of the code, or of an embedded behavior: that says the type
+            if name in self._of_code:
+                converted(name, text, self._of_code[name].default)
+            return text  # the code says the type when it is set, or an embedded behavior does
         return _content(parameter, parameter.declared.from_text(text))
 
 

@@ -8,21 +8,32 @@ A package makes a behavior known by an entry point in its ``setup.py``::
 
 from __future__ import annotations
 
+import copy
 import keyword
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import yaml
+
+from flexbt_core.values import load_yaml, shown
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 if TYPE_CHECKING:
     from flexbt_core.state_machine import MachineDefinition, OperatableStateMachine
 
-ParameterValue = bool | int | float | str
+ParameterValue = bool | int | float | str | list[Any] | dict[Any, Any]
 
-_TYPE_NAMES: Final[dict[type, str]] = {bool: 'bool', int: 'int', float: 'float', str: 'string'}
+_TYPE_NAMES: Final[dict[type, str]] = {
+    bool: 'bool',
+    int: 'int',
+    float: 'float',
+    str: 'string',
+    list: 'list',
+    dict: 'dict',
+}
 _TRUE: Final = frozenset({'true', 'yes', 'on', '1'})
 _FALSE: Final = frozenset({'false', 'no', 'off', '0'})
 
@@ -31,9 +42,9 @@ _FALSE: Final = frozenset({'false', 'no', 'off', '0'})
 class BehaviorParameter:
     """A parameter that can be set when a behavior is started.
 
-    The type is that of ``default``: bool, int, float or str. ``choices`` limits the values; it is empty when
-    any value of the type will do. ``minimum`` and ``maximum`` limit a number, None for no limit. An operator reads
-    ``label`` (or else the name), ``unit`` and ``description``.
+    The type is that of ``default``: bool, int, float, str, list or dict; an operator writes the last two in YAML.
+    ``choices`` limits the values; it is empty when any value of the type will do. ``minimum`` and ``maximum`` limit a
+    number, None for no limit. An operator reads ``label`` (or else the name), ``unit`` and ``description``.
 
     Raises:
         ManifestError: the name is no Python identifier, or default and choices do not fit together.
@@ -57,6 +68,8 @@ class BehaviorParameter:
                 f'parameter {self.name!r}: the default {self.default!r} is a {type(self.default).__name__}; '
                 f'a parameter is one of {", ".join(_TYPE_NAMES.values())}'
             )
+        if isinstance(self.default, list | dict) and not _is_plain(self.default):
+            raise ManifestError(f'parameter {self.name!r}: the default {shown(self.default)} cannot be written in YAML')
         for choice in self.choices:
             if type(choice) is not type(self.default):
                 raise ManifestError(f'parameter {self.name!r}: the choice {choice!r} is not a {self.type}')
@@ -65,7 +78,7 @@ class BehaviorParameter:
 
     @property
     def type(self) -> str:
-        """Name of the type: one of bool, int, float, string."""
+        """Name of the type: one of bool, int, float, string, list, dict."""
         return _TYPE_NAMES[type(self.default)]
 
     def from_text(self, text: str) -> ParameterValue:
@@ -98,7 +111,7 @@ class BehaviorParameter:
             raise ParameterError(
                 f'parameter {self.name!r}: {parameter_text(value)!r} is none of its choices ({allowed})'
             )
-        if not isinstance(value, bool | str):
+        if isinstance(value, int | float):
             low, high = self.minimum, self.maximum
             if (low is not None and value < low) or (high is not None and value > high):
                 limits = f'{-math.inf if low is None else low:g} to {math.inf if high is None else high:g}'
@@ -243,7 +256,7 @@ class Behavior:
                 'every behavior has an attribute of that name'
             )
         self._parameters[parameter.name] = parameter
-        setattr(self, parameter.name, parameter.default)
+        setattr(self, parameter.name, copy.deepcopy(parameter.default))
 
     def _parameter(self, name: str) -> BehaviorParameter:
         try:
@@ -255,7 +268,17 @@ class Behavior:
 
 def parameter_text(value: ParameterValue) -> str:
     """A parameter's value as text; :meth:`BehaviorParameter.from_text` gives back the same value."""
+    if isinstance(value, list | dict):
+        text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
+        return text.strip()
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _is_plain(value: list[Any] | dict[Any, Any]) -> bool:
+    try:
+        return bool(load_yaml(parameter_text(value)) == value)
+    except (ValueError, yaml.YAMLError, RecursionError):
+        return False
 
 
 def _to_bool(text: str) -> bool:
@@ -284,9 +307,25 @@ def _to_float(text: str) -> float:
     return value
 
 
+def _to_list(text: str) -> list[Any]:
+    value = load_yaml(text)
+    if not isinstance(value, list):
+        raise ValueError('write a list in YAML, such as [1, 2]')
+    return value
+
+
+def _to_dict(text: str) -> dict[Any, Any]:
+    value = load_yaml(text)
+    if not isinstance(value, dict):
+        raise ValueError('write a mapping in YAML, such as {name: 1}')
+    return value
+
+
 _CONVERTERS: Final[dict[str, Callable[[str], ParameterValue]]] = {
     'bool': _to_bool,
     'int': _to_int,
     'float': _to_float,
     'string': str,
+    'list': _to_list,
+    'dict': _to_dict,
 }

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
+from flexbt_onboard.behaviors import Behavior, BehaviorManifest, BehaviorParameter, ParameterValue, parameter_text
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 
@@ -21,6 +21,7 @@ class Patrol(Behavior):
             BehaviorParameter('rounds', 3),
             BehaviorParameter('speed', 0.2),
             BehaviorParameter('quiet', False),
+            BehaviorParameter('legs', [1, 2]),
             BehaviorParameter('side', 'left', choices=['left', 'right']),
         ],
     )
@@ -29,7 +30,7 @@ class Patrol(Behavior):
 def test_parameters_are_attributes_with_their_defaults() -> None:
     patrol = Patrol()
     assert (patrol.rounds, patrol.speed, patrol.quiet, patrol.side) == (3, 0.2, False, 'left')  # type: ignore[attr-defined]
-    assert [parameter.type for parameter in patrol.parameters.values()] == ['int', 'float', 'bool', 'string']
+    assert [parameter.type for parameter in patrol.parameters.values()] == ['int', 'float', 'bool', 'list', 'string']
 
 
 @pytest.mark.parametrize(
@@ -42,6 +43,7 @@ def test_parameters_are_attributes_with_their_defaults() -> None:
         ('speed', 'inf', math.inf),
         ('quiet', 'True', True),
         ('quiet', '0', False),
+        ('legs', '[a, {b: 1}]', ['a', {'b': 1}]),
         ('quiet', 'off', False),
         ('side', 'right', 'right'),
     ],
@@ -62,8 +64,10 @@ def test_arguments_are_converted_to_the_type_of_the_parameter(name: str, text: s
         ('speed', 'fast', ['speed', "'fast'", 'float']),
         ('speed', 'nan', ['speed', "'nan'", 'float']),
         ('quiet', '2', ['quiet', "'2'", 'bool']),
+        ('legs', '{a: 1}', ['legs', "'{a: 1}'", 'list', 'write a list in YAML, such as [1, 2]']),
+        ('legs', '[1', ['legs', "'[1'", 'list', 'no YAML']),
         ('side', 'up', ['side', "'up'", 'left, right']),
-        ('size', '1', ['Patrol', 'size', 'rounds, speed, quiet, side']),
+        ('size', '1', ['Patrol', 'size', 'rounds, speed, quiet, legs, side']),
     ],
 )
 def test_a_wrong_argument_is_named_with_parameter_type_and_text(name: str, text: str, words: list[str]) -> None:
@@ -79,8 +83,11 @@ def test_an_argument_given_twice_is_refused() -> None:
         Patrol().set_arguments([('rounds', '1'), ('rounds', '2')])
 
 
-@given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False), st.text()))
-def test_a_value_survives_the_way_through_its_text(value: bool | int | float | str) -> None:
+SCALARS = st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False), st.text())
+
+
+@given(st.one_of(SCALARS, st.lists(SCALARS | st.lists(SCALARS)), st.dictionaries(st.integers() | st.text(), SCALARS)))
+def test_a_value_survives_the_way_through_its_text(value: ParameterValue) -> None:
     back = BehaviorParameter('value', value).from_text(parameter_text(value))
     assert back == value
     assert type(back) is type(value)
@@ -100,7 +107,9 @@ def test_set_parameter_takes_an_int_for_a_float_and_nothing_else() -> None:
         lambda: BehaviorParameter('two words', 1),
         lambda: BehaviorParameter('class', 1),
         lambda: BehaviorParameter('_hidden', 1),
-        lambda: BehaviorParameter('items', [1]),  # type: ignore[arg-type]
+        lambda: BehaviorParameter('items', (1, 2)),  # type: ignore[arg-type]
+        lambda: BehaviorParameter('items', [object()]),
+        lambda: BehaviorParameter('items', {(1, 2): 3}),
         lambda: BehaviorParameter('side', 'up', choices=['left']),
         lambda: BehaviorParameter('side', 'left', choices=['left', 1]),
         lambda: BehaviorManifest(''),
