@@ -4,8 +4,11 @@ imported; where there is none, only the leaves that need it are missing."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from functools import lru_cache
+from importlib.metadata import EntryPoints, entry_points
+from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry, builtin_registry
@@ -24,11 +27,26 @@ def node_registry(on_broken: Callable[[str, Exception], None], nav2_branch: Nav2
     """
     registry = builtin_registry()
     register_nav2(registry, nav2_branch)
-    points = sorted(entry_points(group=ENTRY_POINTS), key=lambda point: point.name)
+    points = sorted(_installed(tuple(map(_state_of, sys.path))), key=lambda point: point.name)
     _add(registry, 'flexbt_server.nav2', lambda: _ros_leaves(nav2_branch), on_broken)
     for point in points:
         _add(registry, f'{point.name} = {point.value}', point.load, on_broken)
     return registry
+
+
+@lru_cache(maxsize=1)
+def _installed(_directories: tuple[tuple[str, int, int], ...]) -> EntryPoints:
+    """Return what is installed in these directories; to read it takes longer than all else of a registry."""
+    return entry_points(group=ENTRY_POINTS)
+
+
+def _state_of(directory: str) -> tuple[str, int, int]:
+    """Return what differs when something has been installed in a directory, or it is another one."""
+    try:
+        status = Path(directory).stat()
+    except OSError:  # as for most directories where Python looks
+        return directory, 0, 0
+    return directory, status.st_ino, status.st_mtime_ns
 
 
 def _add(

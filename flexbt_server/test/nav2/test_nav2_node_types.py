@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import pytest
@@ -15,6 +17,7 @@ from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import elements_of, parse
 from flexbt_server.leaves import ActionLeaf, ServiceLeaf, ServiceSyncAction
 from flexbt_server.node_types import node_registry
+from flexbt_testing.nodes.server_world import install_nodes
 
 # Facts of ros-navigation/navigation2 (nav2_tree_nodes.xml and the ports that the classes declare), jazzy at 1.3.13 and
 # main at 1.5.0. A node: the branches that have it, its kind, its ID, and its ports; of a port the direction (-> output,
@@ -312,3 +315,16 @@ def test_a_node_type_is_that_of_nav2(id: str, branch: Nav2Branch) -> None:
 def described(port: Port) -> tuple[str, str, str | None]:
     kind = 'any' if port.type is None else port.type.name
     return port.direction.value, kind, None if port.default is NO_DEFAULT else port.default
+
+
+def test_what_is_installed_while_the_process_runs_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    path = list(sys.path)
+    assert 'Meanwhile' not in node_registry(pytest.fail)
+    (tmp_path / 'installed_meanwhile.py').write_text(
+        'from flexbt_testing.nodes.server_nodes import Raises\n'
+        'def register(registry): registry.register("Meanwhile", Raises)\n'
+    )
+    install_nodes(tmp_path, 'installed_meanwhile')
+    monkeypatch.setattr(sys, 'path', path)  # where Python looks is what it was
+    assert 'Meanwhile' in node_registry(pytest.fail)

@@ -27,7 +27,7 @@ from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
-CANCELS = int(os.environ.get('FLEXBT_CANCELS', '250'))
+CANCELS = int(os.environ.get('FLEXBT_CANCELS', '80'))
 
 # Leaves of all kinds, which begin at different times: within the first tick, later, after goals of others.
 TREE = (

@@ -71,7 +71,7 @@ def test_one_check_of_the_pose_at_a_time_however_motions_take_over(monkeypatch: 
         look(*arguments)
 
     monkeypatch.setattr(PoseWatch, '_look', count)
-    with open_simulator(speed_factor=10.0) as probe, open_navigation(pose_timeout=2.0) as navigation:
+    with open_simulator(speed_factor=1.0) as probe, open_navigation(pose_timeout=0.2) as navigation:
         for _ in range(6):
             with ThreadPoolExecutor() as pool:
                 pool.submit(navigation.call, lambda: time.sleep(0.3))
