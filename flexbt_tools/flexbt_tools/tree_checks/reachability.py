@@ -119,7 +119,10 @@ def least_times(library: TreeLibrary, skills: SkillLibrary) -> dict[TreeKey, flo
 def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnostic]:
     """Return a finding for each time limit that is over before what it is of can succeed, or a part of that begins."""
     for _, tree, earliest in _times(library, skills):
-        for node in tree.nodes():
+        last: dict[int, float] = {}  # when the last of all in a node begins
+        for node in reversed(list(tree.nodes())):
+            begins = zip(node.children, earliest[id(node)].begins, strict=True)
+            last[id(node)] = max((at + last[id(one)] for one, at in begins if at < math.inf), default=0.0)
             rule = _rule(node)
             if not isinstance(rule, TimeLimit):
                 continue
@@ -134,15 +137,10 @@ def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnos
                 took = f'{label} takes {time:g} s' if time >= limit else f'what is in it takes {success:g} s at least'
                 message = f'it can never succeed: {took}, and is ended after {limit:g} s'
                 yield Diagnostic(TOO_SHORT, tree.error(node, message))
-                continue
-            for late, begin in _begins(child, 0.0, earliest):
-                if limit <= begin < math.inf:
-                    message = (
-                        f'it is never ticked: {node.label} ends after {limit:g} s, and what is before it takes '
-                        f'{begin:g} s'
-                    )
-                    yield Diagnostic(TOO_SHORT, tree.error(late, message))
-                    break
+            elif limit <= last[id(child)]:
+                late, begin = next(one for one in _begins(child, 0.0, earliest) if limit <= one[1] < math.inf)
+                before = f'{node.label} ends after {limit:g} s, and what is before it takes {begin:g} s'
+                yield Diagnostic(TOO_SHORT, tree.error(late, f'it is never ticked: {before}'))
 
 
 def _times(
