@@ -211,8 +211,8 @@ TREES: Final = (
     _trees(
         'what is left of a tour',
         """<BehaviorTree ID="Main"><RetryUntilSuccessful num_attempts="3"><Sequence>
-          <RemovePassedGoals input_goals="{goals}" output_goals="{left}" radius="0.7"/>
-          <ComputePathThroughPoses goals="{left}" path="{path}"/>
+          <RemovePassedGoals input_goals="{goals}" output_goals="{goals}" radius="0.7"/>
+          <ComputePathThroughPoses goals="{goals}" path="{path}"/>
           <TruncatePath distance="1.0" input_path="{path}" output_path="{short}"/>
           <FollowPath path="{short}"/>
           <Timeout msec="9000"><Sequence>
@@ -221,7 +221,7 @@ TREES: Final = (
           </Sequence></Timeout>
         </Sequence></RetryUntilSuccessful></BehaviorTree>""",
         'RemovePassedGoals has input_goals={goals}',
-        'ComputePathThroughPoses has goals={left}',
+        'ComputePathThroughPoses has goals={goals}',
         'ComputePathThroughPoses only after RemovePassedGoals > SUCCESS, each time anew',
         'ComputePathThroughPoses at most 3 times',
         'TruncatePath has input_path={path}',
