@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A tree that is shown to Groot2, in a process of its own: on this engine, or on BehaviorTree.CPP (``behaviortreepy``).
 
-Run as a program with ``engine`` or ``wheel``. Reads ``{"xml", "port", "silence"}`` from the first line of standard
-input, then a command a line: ``tick``, ``halt``, ``log FILE`` (from now on). Writes ``ready``, and the result of each
+Run as a program with ``engine`` or ``wheel`` and a named pipe. Reads ``{"xml", "port", "silence"}`` from the first line
+of that, then a command a line: ``tick``, ``halt``, ``log FILE`` (from now on). Writes ``ready``, and the result of each
 command. The engine also writes ``held`` when a breakpoint holds the tick up, adds to each line how many hooks have been
 reached, and answers ``held?`` at once: ``?``, whether a breakpoint holds the tick up, and how many have. Leaves are
 those of ``scripted_nodes``, apart from what they read and write.
@@ -15,8 +15,8 @@ import json
 import os
 import queue
 import struct
-import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -30,7 +30,17 @@ from flexbt_server.groot2 import Groot2Server, LogBuffer, LogWriter, TeeLog, pro
 from flexbt_server.groot2.watched_tree import clock
 from flexbt_testing.behavior_trees.scripted_nodes import LETTERS, Act, Cond, Deco, Script, Sync, registry
 from flexbt_testing.behavior_trees.wheel import _attributes_by_name
+from flexbt_testing.system.python_process import python_process
 from flexbt_testing.waiting import DEADLINE
+
+_PRELOADED = (
+    'behaviortreepy',
+    'flexbt_server.groot2',
+    'flexbt_testing.behavior_trees.scripted_nodes',
+    'flexbt_testing.behavior_trees.wheel',
+    'flexbt_testing.system.python_process',
+    'zmq',
+)
 
 
 def tell(line: str) -> None:
@@ -139,18 +149,18 @@ class Host:
     """Such a process, and a Groot2 of its own that is connected to it."""
 
     def __init__(self, kind: str, xml: str, port: int, silence: float = 60.0) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).resolve()), kind],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-        )
-        self._lines: queue.Queue[str] = queue.Queue()
-        self._answers: queue.Queue[str] = queue.Queue()
         self._holds = 0
         self.told = 0
         """How many times it had told, at the last line, that a hook was reached. Only of the engine."""
-        threading.Thread(target=self._listen, daemon=True).start()
+        with tempfile.TemporaryDirectory() as directory:
+            pipe = str(Path(directory, 'commands'))
+            os.mkfifo(pipe)
+            self._commands = os.open(pipe, os.O_RDWR)  # does not wait for who reads
+            self._process = python_process([str(Path(__file__).resolve()), kind, pipe], _PRELOADED)
+            self._lines: queue.Queue[str] = queue.Queue()
+            self._answers: queue.Queue[str] = queue.Queue()
+            threading.Thread(target=self._listen, daemon=True).start()
+            self.expect('opened')
         self._context = zmq.Context()
         self._requests = self._context.socket(zmq.REQ)
         self._notices = self._context.socket(zmq.SUB)
@@ -172,15 +182,14 @@ class Host:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            text = line.decode().strip()
-            (self._answers if text.startswith('?') else self._lines).put(text)
-        self._lines.put(f'ended, exit code {self._process.wait()}')
+        with self._process.stdout as said:
+            for line in said:
+                (self._answers if line.startswith('?') else self._lines).put(line.strip())
+        self._lines.put('ended')
 
     def send(self, command: str) -> None:
         """Begins something; its result is a line."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(command.encode() + b'\n')
+        os.write(self._commands, command.encode() + b'\n')
 
     def line(self) -> str:
         """The next line."""
@@ -227,13 +236,15 @@ class Host:
 
     def close(self) -> None:
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        os.close(self._commands)
         self._context.destroy(linger=0)
 
 
 def main() -> None:
     """See above."""
-    lines = iter(sys.stdin.readline, '')
+    lines = Path(sys.argv[2]).open(encoding='utf-8')  # noqa: SIM115  # as long as the process
+    tell('opened')
     options = json.loads(next(lines))
     host = (EngineHost if sys.argv[1] == 'engine' else WheelHost)(**options)
     tell('ready')
