@@ -112,7 +112,7 @@ class LineMode(Console):
 class Screen(Console):
     """The screen in a terminal."""
 
-    KEYS: Final = {'claim': b'c', 'pause': b'p', 'resume': b'p'}
+    KEYS: Final = {'claim': b'c\r', 'pause': b'p\r', 'resume': b'p\r'}
 
     def __init__(self) -> None:
         self._terminal = Terminal()

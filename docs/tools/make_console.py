@@ -13,7 +13,7 @@ from typing import Final
 from target import target
 
 from flexbt_console.commands import COMMANDS, COMMON_OPTIONS, EXIT_CODES, CommandSpec, LinkNeed, Mode, Send
-from flexbt_console.ui.interaction import KEYS
+from flexbt_console.ui.interaction import HOW_KEYS_SEND, KEYS
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\
@@ -64,6 +64,7 @@ def section(spec: CommandSpec) -> Iterator[str]:
     if spec.action is Mode.SCREEN:
         yield from ('', '| key | | what it does |', '|---|---|---|')
         yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
+        yield from ('', HOW_KEYS_SEND)
     if spec.options:
         yield ''
         yield '| option | meaning |'

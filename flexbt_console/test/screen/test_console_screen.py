@@ -18,10 +18,12 @@ from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rich.cells import set_cell_size, split_graphemes
 from textual import events
+from textual._compositor import Compositor
+from textual._context import active_app
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.widgets import Input
@@ -182,16 +184,38 @@ def on_screen(
     robots: FakeRobots | None = None,
     layout: Layout | None = None,
     image_widget: Any = None,
+    *,
+    is_drawn: bool = False,
 ) -> None:
-    """Run the screen, and what an operator does at it."""
+    """Run the screen, and what an operator does at it.
+
+    ``is_drawn``: what has changed is drawn for the terminal, too, which nobody reads here.
+    """
 
     async def run() -> None:
         app = OperatorScreen(robot.station(), robot.clock, robots, layout=layout, image_widget=image_widget)
         async with app.run_test(size=size) as pilot:
+            app.animation_level = 'none'
             await seen(robot, pilot)
             await steps(app, pilot)
 
-    asyncio.run(run())
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ('app', 'pilot'):
+            patch.setattr(f'textual.{module}.wait_for_idle', all_done)
+        if not is_drawn:
+            patch.setattr(Compositor, 'render_update', lambda screen, **_: screen._dirty_regions.clear())
+        asyncio.run(run())
+
+
+async def all_done(*_: float) -> None:
+    """Wait until what was begun is done. Textual's own waits until the process is idle, by a clock: 20 ms or more."""
+    ready = asyncio.get_running_loop()._ready  # type: ignore[attr-defined]
+    for _again in range(6):  # a layout may scroll, and that lead to another one
+        while ready:
+            await asyncio.sleep(0)
+        active_app.get().screen._on_timer_update()
+    while ready:
+        await asyncio.sleep(0)
 
 
 async def seen(robot: Robot, pilot: Pilot[None]) -> None:
@@ -289,6 +313,8 @@ def test_a_choice_has_to_be_picked_first() -> None:
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         await pilot.press('enter', '3')
         assert robot.link.sent == []
+        robot.clock.advance(1.0)
+        robot.show(CHOICE)
         await pilot.press('2', 'enter')
         assert [(one.kind, one.outcome) for one in robot.link.sent] == [(CommandKind.FORCE, 'right')]
 
@@ -309,7 +335,9 @@ def test_an_answer_to_what_was_not_received_is_asked_for_once_more() -> None:
         assert robot.link.sent == [] and 'what this is about was not received' in text_of(app)
         await pilot.press(*'wait', 'enter')
         assert robot.link.sent == []
-        await pilot.press('enter', *'right', 'enter')
+        robot.clock.advance(1.0)
+        robot.show(judged)
+        await pilot.press('2', 'enter', *'right', 'enter')
         await pilot.pause()
         assert [(one.kind, one.outcome) for one in robot.link.sent] == [(CommandKind.FORCE, 'right')]
 
@@ -352,7 +380,9 @@ def test_a_cursor_that_was_not_moved_is_no_answer() -> None:
     robot.show(WHERE)
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('g', 'enter')
+        await pilot.press('g')
+        await seen(robot, pilot)
+        await pilot.press('enter')
         await seen(robot, pilot)
         assert robot.link.sent == [] and 'the cursor was not moved yet' in text_of(app)
         robot.show(WHERE)
@@ -422,7 +452,7 @@ def test_blind_it_says_so_and_refuses_all_but_stop() -> None:
         robot.clock.advance(60.0)
         await seen(robot, pilot)
         assert 'BLIND' in text_of(app) and 'LOST' in text_of(app)
-        await pilot.press('1', 'enter', 'p', 'plus')
+        await pilot.press('1', 'enter', 'p', 'enter', 'plus', 'enter')
         assert robot.link.sent == []
         await pilot.press('exclamation_mark')
         assert robot.link.kinds == [CommandKind.STOP]
@@ -434,7 +464,9 @@ def test_keys_give_the_commands_of_the_registry() -> None:
     robot = Robot()
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('p', 'plus', 'l', 'b', 'r', 'enter', 'c')
+        await pilot.press('p')
+        assert app.query_one('#line', Input).value == 'pause' and robot.link.sent == []  # it is shown first
+        await pilot.press('enter', *(key for name in ('plus', 'l', 'b', 'r', 'c') for key in (name, 'enter')))
         expected = [
             CommandKind.PAUSE,
             CommandKind.AUTONOMY,
@@ -447,7 +479,7 @@ def test_keys_give_the_commands_of_the_registry() -> None:
         assert robot.link.sent[1].autonomy == 2 and robot.link.sent[2].path == '/Drive'
         robot.show(state=ExecutiveState.PAUSED, locked=('/Drive',), breakpoints=('/Drive',), authority='ann')
         await seen(robot, pilot)
-        await pilot.press('p', 'l', 'b', 'c')
+        await pilot.press(*(key for name in 'plbc' for key in (name, 'enter')))
         expected = [
             CommandKind.RESUME,
             CommandKind.UNLOCK,
@@ -462,7 +494,7 @@ def test_keys_give_the_commands_of_the_registry() -> None:
             robot.show(authority=holder, authority_requests=asking)
             await seen(robot, pilot)
             assert 'c authority' in text_of(app).splitlines()[-1]
-            await pilot.press('c')
+            await pilot.press('c', 'enter')
             assert robot.link.kinds[-1] is expected_kind
 
     on_screen(robot, steps)
@@ -511,7 +543,7 @@ def test_of_several_active_states_the_one_that_a_key_is_for_is_chosen() -> None:
         ]
         robot.show(dataclasses.replace(PLAN, path='/Both'), active_states=(), locked=())  # all inside it has ended
         await seen(robot, pilot)
-        await pilot.press('l')
+        await pilot.press('l', 'enter')
         assert (robot.link.kinds[-1], robot.link.sent[-1].path) == (CommandKind.LOCK, '/Both')
 
     on_screen(robot, steps)
@@ -569,6 +601,11 @@ INNER = tuple(
     )
 )
 NAMES = (
+    'yes',
+    'pause',
+    'claim',
+    'up',
+    'job 12',
     'done',
     'failed',
     'canceled',
@@ -582,10 +619,11 @@ NAMES = (
 )
 
 
+@example([('', word) for word in ('canceled', 'yes', 'jump', 'magic', '12', 'timeout', 'x p', '/')])
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from(('f', 'l', 'b', 'c', '0', 'w', 'a', ':')),
+            st.sampled_from(('', '', '', 'f', 'l', 'b', 'c', 'p', 'r', '0', 'w', 'a', ':')),
             st.one_of(st.sampled_from(NAMES), st.sampled_from(NAMES).map(lambda name: name[:3]), st.text(max_size=8)),
         ),
         min_size=8,
@@ -594,35 +632,47 @@ NAMES = (
 )
 @settings(max_examples=12, deadline=None)
 def test_what_is_typed_into_a_list_is_what_is_sent_or_nothing(tries: list[tuple[str, str]]) -> None:
+    """So it is with what is typed where no list is open: its first letter is a key, and no other one is."""
     robot = Robot()
     robot.mirror.receive_structure(Structure('r1', 'Patrol', (*STRUCTURE.states, BOTH, *INNER)))
     robot.mirror.receive_behaviors(
         BehaviorList('e', (Behavior('Patrol'), Behavior('Errand'), Behavior('Bad', error='x')))
     )
     asked = [Decision(f'd{state.path}', DecisionKind.CHOICE, state.path, outcomes=state.outcomes) for state in INNER]
+    asked[0] = dataclasses.replace(asked[0], kind=DecisionKind.TRANSITION, outcome='done', required_autonomy=3)
     active = tuple(ActiveState(one.path, 1.0) for one in INNER)
     robot.show(*asked, active_states=active, authority='ann', authority_requests=('bob', 'eve'))
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for key, word in tries:
             robot.link.sent.clear()
-            word = ''.join(sign for sign in word if sign.isprintable())
+            word = ''.join(sign for sign in word if sign.isprintable() and sign not in 'q!')  # which leave, and stop
             type_at_once(app, key, *word, 'enter', 'enter', 'enter', 'escape', 'escape', 'escape')
             await seen(robot, pilot)
+            if not key:
+                key, word = word[:1], word[1:]
             for sent in robot.link.sent:
-                assert key not in ('0', 'a') or sent.kind is CommandKind.FORCE  # the next Enter sends what was picked
                 texts = {
                     CommandKind.FORCE: [sent.outcome, f'{sent.path} {sent.outcome}', f'{_last(sent)} {sent.outcome}'],
+                    CommandKind.CONFIRM: ['confirm', 'done'],
                     CommandKind.SWITCH: [sent.behavior],
                     CommandKind.LOCK: [sent.path, f'lock {sent.path}'],
                     CommandKind.BREAKPOINT: [sent.path, f'breakpoint {sent.path}'],
+                    CommandKind.REPEAT: [sent.path, f'repeat {sent.path}'],
                     CommandKind.HAND_OVER_AUTHORITY: [f'handover {sent.grantee}'],
                     CommandKind.REFUSE_AUTHORITY: [f'refuse {sent.grantee}'],
                     CommandKind.RELEASE_AUTHORITY: ['release'],
+                    CommandKind.CLAIM_AUTHORITY: ['claim'],
+                    CommandKind.PAUSE: ['pause'] if key == ':' else [''],
+                    CommandKind.NOTE: [sent.text],  # it changes nothing
                 }.get(sent.kind, [])
-                numbers = [str(number) for number, one in enumerate(asked[0].outcomes, 1) if one == sent.outcome]
+                outcome = sent.outcome or 'done'
+                numbers = [str(number) for number, one in enumerate(asked[0].outcomes, 1) if one == outcome]
+                is_answer = sent.kind in (CommandKind.FORCE, CommandKind.CONFIRM)
                 typed = ' '.join(word.split()).replace(': ', ' ').casefold()
-                assert typed in [text.casefold() for text in (*texts, *numbers)], (key, word, sent)
+                allowed = [text.casefold() for text in (*texts, *(numbers if is_answer and key in ':f' else ()))]
+                is_picked = is_answer and not word and [key] == numbers
+                assert typed in allowed or is_picked, (key, word, sent)
 
     on_screen(robot, steps)
 
@@ -958,7 +1008,7 @@ def test_keys_typed_at_once_behind_the_choice_of_a_robot_are_for_that_robot() ->
     robots = FakeRobots(3)
 
     async def type_quickly(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        type_at_once(app, 'o', 'down', 'enter', 'p')
+        type_at_once(app, 'o', 'down', 'enter', 'p', 'enter')
         await pilot.pause()
         sent = {name: robot.link.kinds for name, robot in robots.robots.items() if robot.link.sent}
         assert sent == {'/robot01': [CommandKind.PAUSE]}
@@ -1011,7 +1061,7 @@ def test_what_comes_from_the_network_is_escaped() -> None:
         assert '[red]loud' in shown  # no markup of the toolkit either
         await pilot.press('f', 'question_mark', 'escape', 's')
 
-    on_screen(robot, look)
+    on_screen(robot, look, is_drawn=True)
 
 
 def test_a_fault_of_the_screen_is_told_and_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1184,7 +1234,7 @@ def test_a_command_without_an_answer_is_seen_and_so_is_an_answer_that_is_late() 
     robot = Robot()
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        await pilot.press('p', 'l')
+        await pilot.press('p', 'enter', 'l', 'enter')
         pause, lock = robot.link.sent
         robot.show(results=(CommandResult(lock.id, ResultCode.APPLIED),))
         await seen(robot, pilot)
@@ -1301,7 +1351,7 @@ def test_an_idle_screen_draws_nothing() -> None:
             assert not app._is_planned  # a drawing has no other one follow it
         assert updates == []
 
-    on_screen(robot, steps)
+    on_screen(robot, steps, is_drawn=True)
 
 
 def test_a_heartbeat_that_tells_nothing_new_wakes_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1423,7 +1473,7 @@ def test_only_what_has_changed_goes_to_the_terminal(size: tuple[int, int]) -> No
         kept = {pane.id: len(pane._dirty_regions) for pane in app.query(Pane)}
         assert set(kept.values()) <= {0, 1}, kept  # the memory of a screen stays as it is
 
-    on_screen(robot, steps, size)
+    on_screen(robot, steps, size, is_drawn=True)
 
 
 def test_a_key_of_the_page_in_the_browser_means_the_same_on_the_screen() -> None:
@@ -1860,7 +1910,7 @@ def test_random_keys_send_nothing_whatever_a_robot_says_and_however_large_the_te
         await pilot.press('f8')
         assert [robot.link.kinds for robot in robots.robots.values() if robot.link.sent] == [[CommandKind.STOP]]
 
-    on_screen(own, steps, (80, 24), robots)
+    on_screen(own, steps, (80, 24), robots, is_drawn=True)
 
 
 def test_in_a_terminal_that_has_no_room_for_it_a_dialog_is_cut() -> None:
@@ -1875,7 +1925,7 @@ def test_in_a_terminal_that_has_no_room_for_it_a_dialog_is_cut() -> None:
             await pilot.press('s', 'pagedown', *'patrol', 'enter', 'tab', 'escape')
         assert app.is_running and not [line for line in app._panes.log.told if 'fault' in line]
 
-    on_screen(robot, steps)
+    on_screen(robot, steps, is_drawn=True)
 
 
 def test_a_fault_in_a_dialog_is_told_and_it_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -293,6 +293,11 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
         browser.until(lambda: browser.run('return document.querySelector("[data-choice]") !== null'))
+        for typed, word in (('yes', 'yes'), ('12', '12'), ('go on', 'goon')):
+            browser.press(typed, Keys.ENTER, Keys.ENTER)  # an answer that has no line to be typed into
+            browser.until_text('told', f"nothing was sent: '{word}' was typed in one go")
+            browser.press(Keys.ESCAPE)
+        assert robot.sent == []
         browser.press('2')
         browser.until(lambda: touched == [PLAN.id])  # from now on it counts as dealt with
         pressed = 'return document.querySelector("[data-choice=failed]").getAttribute("aria-pressed")'
@@ -326,8 +331,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         robot.show(locked=('/Drive',))
         browser.until_text('active', '/Drive (locked)')
         browser.run('document.activeElement.blur()')
-        browser.press('b')
-        browser.press('l')
+        browser.press('b', Keys.ENTER, 'l', Keys.ENTER)  # each shows its line first
         sent = [(one.kind, one.path) for one in robot.wait_sent(6)[4:]]
         assert sent == [(CommandKind.BREAKPOINT, '/Drive'), (CommandKind.UNLOCK, '/Drive')]
         # Tab reaches every control, and each has a name.
@@ -627,7 +631,7 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
     browser.until_text('told', 'nothing was sent')
     with served({'robot': robot.station()}, port=port):
         browser.until_live()
-        browser.press('p')
+        browser.press('p', Keys.ENTER)
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
 
 

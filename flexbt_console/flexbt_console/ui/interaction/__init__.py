@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 
 from .attention import Attention
 from .carrying_out import Later, Reading, Station, carry_out
-from .keys import KEYS, Key, has_map, help_lines
+from .keys import HOW_KEYS_SEND, KEYS, Key, has_map, help_lines
 from .restarts import Restarts
 from .sent_commands import SentCommands
 from .short_form import CHANGED, Bound, Local, Meaning, NoLiveLinkError, choose, interpret
@@ -16,6 +16,7 @@ from .standard_error import standard_error_as_lines
 
 __all__ = [
     'CHANGED',
+    'HOW_KEYS_SEND',
     'KEYS',
     'REACTION_SECONDS',
     'Attention',

@@ -25,8 +25,7 @@ Written = Callable[[View, str | None], list[str]]
 class Key:
     """A key, or several; ``action`` is its name, for the screen where it has no ``lines``.
 
-    ``sends``: it gives a command that needs a live link, and the authority where somebody has it. ``asks``: its line is
-    shown first, and Enter sends it; so for what cannot be undone, by keys with which an answer may begin.
+    ``sends``: it gives a command that needs a live link, and the authority where somebody has it.
     ``rank``: 1 has a place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs``
     it now.
     """
@@ -41,7 +40,6 @@ class Key:
     rank: int = 1
     needs: Callable[[View, str | None], bool] = lambda view, operator: False
     sends: bool = False
-    asks: bool = False
 
     def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
         """Return whether it has an effect now, as far as is known; what is pressed all the same says why it has none.
@@ -57,6 +55,15 @@ class Key:
     def gives_command(self) -> bool:
         """Return whether it is refused to an observer."""
         return self.sends or self.action in ('stop', 'authority', 'note')
+
+    @property
+    def asks(self) -> bool:
+        """Return whether its line is shown first, and Enter sends it.
+
+        Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. What is typed
+        on becomes part of the line, which then is no command.
+        """
+        return self.lines is not None and self.gives_command and self.action != 'stop'
 
 
 def has_map(view: View) -> bool:
@@ -198,13 +205,12 @@ _OF_DECISION: Final = (
         ('d',),
         'd',
         'decline',
-        'decline to give the value that is asked for; Enter sends it',
+        'decline to give the value that is asked for',
         'decline',
         _wants_value,
         _line('decline'),
         rank=3,
         sends=True,
-        asks=True,
     ),
 )
 
@@ -285,13 +291,12 @@ _OF_RUN: Final = (
         ('r',),
         'r',
         'repeat',
-        'leave the active state and enter it again; Enter sends it',
+        'leave the active state and enter it again',
         'repeat',
         _is_active,
         _repeat,
         rank=3,
         sends=True,
-        asks=True,
     ),
     Key(
         ('c',),
@@ -354,9 +359,14 @@ SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state w
 
 KEYS: Final = (*_OF_DECISION, *_OF_RUN, *_OF_SCREEN)
 
+HOW_KEYS_SEND: Final = (
+    'Only STOP acts at once. Any other key that changes something shows its line, list or form first; Enter sends it. '
+    'Letters that follow each other within 0.7 s are a word, and send nothing.'
+)
+
 
 def help_lines() -> list[str]:
     """The table, for people, and the signs of the decision bar."""
     keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
     signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
-    return [*keys, '', 'In the bar of the decision:', *signs]
+    return [*keys, '', HOW_KEYS_SEND, '', 'In the bar of the decision:', *signs]

@@ -54,6 +54,7 @@ from .panes import (
     MOVES,
     PANES,
     ROWS,
+    Burst,
     Layout,
     Pane,
     Panes,
@@ -177,6 +178,7 @@ class OperatorScreen(OrderedApp):
         self._panes = Panes(clock, station, layout or Layout(), self._line, replay)
         if not self._panes.signs.has_braille:
             self.add_class('ascii')
+        self._burst = Burst(clock)
         self._sent = SentCommands(clock)
         self._restarts = Restarts()
         self._is_planned = False
@@ -261,6 +263,9 @@ class OperatorScreen(OrderedApp):
 
     async def on_event(self, event: events.Event) -> None:
         """See :class:`.ordered_app.OrderedApp`."""
+        if isinstance(event, events.Key) and not event.is_forwarded:
+            is_elsewhere = len(self.screen_stack) > 1 or self._line.is_open
+            self._burst.typed(event.key, event.character if event.is_printable else None, is_elsewhere=is_elsewhere)
         await super().on_event(event)
         if isinstance(event, events.Key):
             self._keys_waiting = max(0, self._keys_waiting - 1)
@@ -377,6 +382,9 @@ class OperatorScreen(OrderedApp):
                 return
         if action == 'confirm':
             self._panes.picking.pressed()
+            self._burst.check_enter()
+        elif key.gives_command and action != 'stop':
+            self._burst.check_key(key.shown)
         if why := key.blocked(view):
             raise RefusedError(f'{key.label}: {why}')
         if key.gives_command:
@@ -384,6 +392,7 @@ class OperatorScreen(OrderedApp):
         if key.lines is None:
             getattr(self, f'_do_{action}')(key, view)
         elif len(written := key.lines(view, self._station.make.operator)) == 1 and key.asks:
+            interpret(written[0], view, self._station.make, _shown(view))  # why it cannot work now is told at once
             self._line.open(written[0])
         elif len(written) == 1:
             self.do(written[0])
@@ -488,8 +497,7 @@ class OperatorScreen(OrderedApp):
     def do(self, text: str) -> None:
         """Do what a line says, as at the prompt; it is bound to the decision on the screen."""
         view = self._view()
-        bound = Bound(view.decision.id if view.decision else None)
-        self._carry_out(interpret(text, view, self._station.make, bound), view)
+        self._carry_out(interpret(text, view, self._station.make, _shown(view)), view)
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         done = carry_out(meaning, view, self._station)
@@ -668,6 +676,10 @@ class OperatorScreen(OrderedApp):
             self._is_quitting = True
             raise RefusedError(f'q again leaves: {self._station.leaving}; Esc stays')
         self.exit()
+
+
+def _shown(view: View) -> Bound:
+    return Bound(view.decision.id if view.decision else None)
 
 
 def _label(path: str) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What is on the screen: the panes with their texts, the line that is typed, and which of them have room."""
 
-from .decision_bar import BURST_SECONDS, ROWS, Picking, choice_texts, waiting_texts
+from .decision_bar import BURST_SECONDS, ROWS, Burst, Picking, choice_texts, waiting_texts
 from .layout import PANES, Layout
 from .machine_pane import outcome_texts
 from .map_pane import CURSOR_STEPS, CURSOR_TURNS

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -32,8 +33,59 @@ BURST_SECONDS: Final = 0.7
 """Keys that follow each other sooner belong to the decision of the first of them. A keyboard repeats a key that is held
 down sooner than that (X11: after 0.66 s)."""
 
+BURST_SIGNS: Final = 20
+"""Of them that are kept: a key that is held down types for ever."""
+
+_ENTER: Final = '\u23ce'
+"""Stands for an Enter in what was typed."""
+
+_ALONE: Final = re.compile(f'(.*{_ENTER})?[0-9]|')
+"""What may be typed just before an Enter that answers: nothing, or a number that picks, also behind a list."""
+
 NARROWEST: Final = 16
 """Cells that a choice has at least where there is no room for all of its text."""
+
+
+class Burst:
+    """What was typed in one go, wherever it went: letters, digits, and the Enters of lines and lists. Arrows, Tab and
+    Escape begin another one.
+
+    Two letters are a word. It may be meant as an answer, so no letter of it is a key that sends something, and an Enter
+    behind it answers nothing. Neither does the second Enter of two: the first was meant for what it has closed.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._text = ''
+        self._typed_at = -math.inf
+
+    def typed(self, key: str, sign: str | None, *, is_elsewhere: bool) -> None:
+        """A key was pressed; ``sign`` is what it types. ``is_elsewhere``: it is for a line or a list that is open."""
+        now = self._clock.now()
+        if now - self._typed_at >= BURST_SECONDS or not (sign or key in ('enter', 'backspace')):
+            self._text = ''
+        self._typed_at = now
+        if key == 'enter' and is_elsewhere:
+            sign = _ENTER
+        if sign is not None and (sign.isalnum() or sign == _ENTER):
+            self._text = (self._text + sign)[-BURST_SIGNS:]
+
+    def check_key(self, key: str) -> None:
+        """Raises RefusedError for a key that is a letter of a word."""
+        word = self._text.rpartition(_ENTER)[2]
+        if len(word) > 1:
+            raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; ":" types a line')
+
+    def check_enter(self) -> None:
+        """Raises RefusedError for an Enter that was typed in one go with more than a number that picks; any other is the
+        end of that.
+        """
+        if not _ALONE.fullmatch(self._text):
+            raise RefusedError(
+                f'nothing was sent: Enter came just behind {self._text!r}. Look at the decision, and press Enter '
+                'again; 0 lists its answers, ":" types a line'
+            )
+        self._text = _ENTER
 
 
 @dataclass(frozen=True)

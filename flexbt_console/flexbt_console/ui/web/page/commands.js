@@ -4,9 +4,16 @@
 import {REACTION_MS, element, plain} from './decision.js';
 
 const COMPLETE_MS = 100;
+const BURST_MS = 700;  // keys that follow each other sooner are typed in one go
 
 // The actions of the screen's keys that have a button: each is as it is on the screen.
 export const ACTIONS = ['stop', 'pause', 'repeat', 'lock', 'breakpoint', 'authority'];
+
+const ENTER = '\u23ce';  // stands for one in what was typed
+
+// A dialog that was left has the focus until the page is drawn again.
+const isLeft = (target) => Boolean(target.closest?.('dialog:not([open])'));
+const isElsewhere = (target) => !isLeft(target) && Boolean(target.closest?.('input, select, textarea, dialog, [contenteditable]'));
 
 const byId = (id) => document.getElementById(id);
 
@@ -27,6 +34,9 @@ export class Commands {
     Object.assign(this, {send, tell, now, bar});
     this.specs = [];
     this.lineBound = null;
+    this.burst = '';
+    this.burstAt = -Infinity;
+    this.byKey = false;
     for (const action of ACTIONS) byId(action).addEventListener('click', () => this.act(action));
     for (const button of byId('autonomy').querySelectorAll('button')) button.addEventListener('click', () => this.do(`autonomy ${button.value}`));
     byId('start').addEventListener('click', () => this.start());
@@ -36,6 +46,7 @@ export class Commands {
     byId('line-form').addEventListener('submit', (event) => { event.preventDefault(); this.submit(); });
     byId('line').addEventListener('input', () => this.complete());
     byId('line').addEventListener('keydown', (event) => { if (event.key === 'Escape') { event.target.value = ''; event.target.blur(); } });
+    document.addEventListener('keydown', (event) => this.typed(event), {capture: true});
     document.addEventListener('keydown', (event) => this.key(event));
   }
 
@@ -44,7 +55,7 @@ export class Commands {
     this.send({do: line, decision});
   }
 
-  // A key of the screen's table: as its button, but what it asks about is typed first, and sent by Enter.
+  // A key of the screen's table: as its button, but its line is typed first, and sent by Enter: only STOP acts at once.
   press(action) {
     const {asks, blocked, lines} = this.now().actions[action] ?? {};
     if (asks && !blocked && lines.length === 1) this.type(lines[0]);
@@ -182,7 +193,7 @@ export class Commands {
   help() {
     const rows = this.specs.map((spec) => ({text: spec.usage, names: [spec.name, spec.summary], about: spec.summary, run: () => this.type(`${spec.name} `)}));
     const keys = 'Keys: ! or F8 stop, p pause or go on, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, s start, f force, r repeat, ' +
-      'l lock, b breakpoint, c authority, n note, : any command, ? this help. They work while no field has the focus; F8 from anywhere.';
+      'l lock, b breakpoint, c authority, n note, : any command, ? this help. Only STOP acts at once: p, r, l, b and c show a line, which Enter sends. Keys work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), this.list(rows)));
   }
 
@@ -196,6 +207,7 @@ export class Commands {
   type(text) {
     const line = byId('line');
     line.value = text;
+    this.byKey = true;
     line.focus();
     this.complete();
   }
@@ -223,6 +235,29 @@ export class Commands {
     this.do(text, this.lineBound ? this.lineBound.id : this.bar.id);
     byId('line').value = '';
     this.lineBound = null;
+    if (this.byKey) byId('line').blur();  // the next key is a command again
+    this.byKey = false;
+  }
+
+  // What is typed in one go, wherever it goes; arrows, Tab and Escape begin another one.
+  typed(event) {
+    const at = performance.now();
+    if (at - this.burstAt >= BURST_MS || /^(Arrow|Tab|Esc|Home|End|Page|F\d)/.test(event.key)) this.burst = '';
+    this.burstAt = at;
+    if (/^[\p{L}\p{N}]$/u.test(event.key)) this.burst += event.key;
+    else if (event.key === 'Enter' && isElsewhere(event.target)) this.burst += ENTER;
+    this.burst = this.burst.slice(-20);
+  }
+
+  // Whether a key is of a word, which may be meant as an answer: no letter of it is a command, and neither Enter nor
+  // Space behind it presses anything. Enter may follow one number, which picks an answer, and not the Enter that was meant for a field.
+  isOfWord(key) {
+    if (key === 'Enter' || key === ' ') {
+      if (this.burst !== '' && !/^\d$/.test(this.burst.split(ENTER).pop())) return true;
+      this.burst = ENTER;
+      return false;
+    }
+    return /^\p{L}$/u.test(key) && this.burst.split(ENTER).pop().length > 1;
   }
 
   key(event) {
@@ -231,13 +266,16 @@ export class Commands {
       if (!event.repeat) this.act('stop');
       return;
     }
-    const left = event.target.closest?.('dialog:not([open])');  // it has the focus until the page is drawn again
-    const inField = !left && event.target.closest?.('input, select, textarea, dialog, [contenteditable]');
-    const onButton = !left && event.target.closest?.('button, a');
-    if (inField || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
+    const onButton = !isLeft(event.target) && event.target.closest?.('button, a');
+    if (isElsewhere(event.target) || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
+    if (this.isOfWord(event.key)) {
+      event.preventDefault();
+      this.tell(`nothing was sent: '${plain(this.burst)}' was typed in one go. Press one key alone, or ":" to type a line`, 'warning');
+      return;
+    }
     const actions = {
-      '!': () => this.act('stop'), p: () => this.act('pause'), f: () => this.force(), s: () => this.start(), r: () => this.press('repeat'),
-      a: () => this.bar.choose(), l: () => this.act('lock'), b: () => this.act('breakpoint'), c: () => this.act('authority'),
+      '!': () => this.act('stop'), p: () => this.press('pause'), f: () => this.force(), s: () => this.start(), r: () => this.press('repeat'),
+      a: () => this.bar.choose(), l: () => this.press('lock'), b: () => this.press('breakpoint'), c: () => this.press('authority'),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(),
       Enter: onButton ? null : () => this.bar.confirm(),
     };
