@@ -352,8 +352,8 @@ def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]],
         raise RefusedError(f'behavior {shown(name)} cannot be used: {behavior.error}')
     if behavior.lacks_machine and not unseen:
         raise NotShownError(
-            f'behavior {shown(name)} was synthesized, and its machine was not received; nothing was sent. '
-            'Look at its file on the robot, or send it all the same with --unseen'
+            f'behavior {shown(name)} was synthesized, and its machine was not received (it may be too long); '
+            'nothing was sent. Look at its file on the robot, or send it all the same with --unseen'
         )
     parameters = {parameter.name: parameter for parameter in behavior.parameters}
     for key, value in arguments:

@@ -323,7 +323,7 @@ def parameter_text(parameter: BehaviorParameter) -> str:
 def machine_text_lines(behavior: Behavior) -> list[str]:
     """Return the machine of a synthesized behavior, or that it was not received; nothing of one that is installed."""
     if behavior.lacks_machine:
-        return [Line('machine NOT RECEIVED: what this behavior does is not shown', Tone.ERROR)]
+        return [Line('machine NOT RECEIVED (it may be too long): what this behavior does is not shown', Tone.ERROR)]
     return [one_line(line) for line in behavior.machine.splitlines()]
 
 
