@@ -423,7 +423,8 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
                 browser.press(Keys.ESCAPE)
                 browser.until(lambda: not browser.run('return document.querySelector("dialog").open'))
         (switch,) = (spec for spec in COMMANDS if spec.name == 'switch')
-        browser.until(lambda: all(one.help in browser.text('dialog-body') for one in switch.prompt_options if one.value))
+        told = [option.help for option in switch.prompt_options if option.value is not None]
+        browser.until(lambda: all(one in browser.text('dialog-body') for one in told))
 
 
 def test_on_a_phone_what_runs_is_read_and_who_asks_for_the_authority_gets_it(browser: Browser) -> None:

@@ -77,9 +77,7 @@ class Burst:
             raise RefusedError(f'{word!r} is a word, so "{key}" in it did nothing; ":" types a line')
 
     def check_enter(self) -> None:
-        """Raises RefusedError for an Enter that was typed in one go with more than a number that picks; any other is the
-        end of that.
-        """
+        """Raises RefusedError for an Enter that was typed in one go with more than a number that picks."""
         if not _ALONE.fullmatch(self._text):
             raise RefusedError(
                 f'nothing was sent: Enter came just behind {self._text!r}. Look at the decision, and press Enter '
