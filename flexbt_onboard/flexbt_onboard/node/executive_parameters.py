@@ -13,12 +13,13 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common import names
 from flexbt_common.cli import USER_DIRECTORY
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.liveness import PEER_TIMEOUT, PEER_TIMEOUT_TEXT
 from flexbt_common.monitoring import declare_monitoring
 from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.monitors import Monitoring
 from flexbt_core.state_machine import STOP_TIMEOUT
-from flexbt_core.values import Place, load_places
+from flexbt_core.values import Place, load_places, shown
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.event_log import EVENT_LOG_FILES, EVENT_LOG_SIZE
 from flexbt_onboard.link import MOTION_ACTIONS
@@ -76,17 +77,11 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
         'default is missed only after it was seen',
     )
     for name in peers:
-        try:
-            validate_topic_name(name)
-        except InvalidTopicNameException as error:
-            raise OnboardError(f'parameter peers: {name!r} is not the name of a node: {error}') from None
+        _require_name('peers', name)
     plan_topic = declare.text(
         'plan_topic', defaults.plan_topic, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
     )
-    try:
-        validate_topic_name(plan_topic)
-    except InvalidTopicNameException as error:
-        raise OnboardError(f'parameter plan_topic: {plan_topic!r} is not a topic: {error}') from None
+    _require_name('plan_topic', plan_topic)
     event_log_directory = declare.fixed.text(
         'event_log_directory',
         f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}',
@@ -197,10 +192,7 @@ def declare_motion(declare: ParameterDeclarer) -> MotionParameters:
         ('cmd_vel_topic', (cmd_vel_topic,)),
     ):
         for name in values:
-            try:
-                validate_topic_name(name)
-            except InvalidTopicNameException as error:
-                raise OnboardError(f'parameter {parameter}: {name!r} is not a name: {error}') from None
+            _require_name(parameter, name)
     return MotionParameters(
         pose_topic=pose_topic,
         motion_actions=tuple(dict.fromkeys(motion_actions)),
@@ -209,6 +201,14 @@ def declare_motion(declare: ParameterDeclarer) -> MotionParameters:
             'enable_stamped_cmd_vel', defaults.stamped_cmd_vel, 'velocity commands are TwistStamped instead of Twist'
         ),
     )
+
+
+def _require_name(parameter: str, name: str) -> None:
+    try:
+        validate_topic_name(name)
+    except InvalidTopicNameException:
+        why = 'is not a name in ROS 2; write letters, digits and _, with / between parts that begin with a letter'
+        raise UnfitParameterError(parameter, f'{shown(name)} {why}') from None
 
 
 def _places(file: str) -> dict[str, Place]:

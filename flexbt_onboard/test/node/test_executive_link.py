@@ -504,8 +504,8 @@ def test_changes_that_come_fast_are_put_together() -> None:
         ({'heartbeat_period': 0.0}, 'heartbeat_period'),
         ({'heartbeat_period': 'often'}, 'heartbeat_period'),
         ({'autonomy': 4}, 'autonomy'),
-        ({'pose_topic': 'two words'}, 'pose_topic'),
-        ({'peers': ['bt server']}, 'peers'),
+        ({'pose_topic': 'two words'}, "parameter 'pose_topic': 'two words' is not a name in ROS 2; write letters"),
+        ({'peers': ['bt server']}, "parameter 'peers': 'bt server' is not a name in ROS 2; write letters"),
         ({'places': '/nowhere/places.yaml'}, 'parameter places: places file /nowhere/places.yaml'),
     ],
 )

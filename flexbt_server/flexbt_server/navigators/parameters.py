@@ -10,6 +10,7 @@ from typing import Final
 from flexbt_common import names
 from flexbt_common.cli import home_path
 from flexbt_common.runtime import ParameterDeclarer
+from flexbt_core.values import hint, shown
 from flexbt_server.errors import ServerParameterError
 
 NAVIGATORS: Final = (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS)
@@ -74,7 +75,8 @@ def declare_navigator_parameters(declare: ParameterDeclarer) -> NavigatorParamet
     )
     for name in served:
         if name not in NAVIGATORS:
-            raise ServerParameterError(f"parameter 'navigators': {name!r} is not one of {', '.join(NAVIGATORS)}")
+            actions = f'{", ".join(NAVIGATORS)}{hint(name, NAVIGATORS)}'
+            raise ServerParameterError(f"parameter 'navigators': {shown(name)} is not served; write one of {actions}")
     trees = {
         name: declare.fixed.text(
             parameter,

@@ -17,6 +17,7 @@ from flexbt_common.runtime import ParameterDeclarer
 from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.behavior_tree.xml import MAX_BYTES, MAX_DEPTH
 from flexbt_core.monitors import Monitoring
+from flexbt_core.values import shown
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.navigators import NavigatorParameters, declare_navigator_parameters
 from flexbt_server.trees import MOST_LOADED
@@ -87,13 +88,18 @@ def declare_parameters(node: Node) -> ServerParameters:
     )
     branch = next((known for known in NAV2_BRANCHES if known == written), None)
     if branch is None:
-        raise ServerParameterError(f"parameter 'nav2_branch': {written!r} is not one of {', '.join(NAV2_BRANCHES)}")
+        branches = ', '.join(NAV2_BRANCHES)
+        raise ServerParameterError(
+            f"parameter 'nav2_branch': {shown(written)} is not a branch; write one of {branches}"
+        )
     written = declare.fixed.text(
         'btlog_directory', '', 'directory for a log file of each run, for Groot2; none if empty'
     )
     btlog_directory = home_path(written) if written else None
     if btlog_directory is not None and not btlog_directory.is_absolute():
-        raise ServerParameterError(f"parameter 'btlog_directory': {btlog_directory} is not an absolute path")
+        raise ServerParameterError(
+            f"parameter 'btlog_directory': {btlog_directory} is not absolute; begin it with / or ~"
+        )
     return ServerParameters(
         default_tree=declare.text('default_tree', '', 'tree of a goal that names none: ID or package/path.xml'),
         preload=declare.texts('preload', (), 'XML files, as package/path.xml, that are loaded at the start'),

@@ -177,7 +177,7 @@ def test_a_tree_is_paused_and_resumed_by_services(world: World) -> None:
 
 def test_an_unknown_branch_is_refused() -> None:
     with (
-        pytest.raises(ServerParameterError, match="'nav2_branch': 'humble' is not one of jazzy, main"),
+        pytest.raises(ServerParameterError, match="'nav2_branch': 'humble' is not a branch; write one of jazzy, main"),
         open_world(nav2_branch='humble'),
     ):
         pass
