@@ -585,7 +585,7 @@ def test_hostile_files_are_refused_without_harm_to_the_terminal(tmp_path: Path, 
     first, *_, last = done.out.splitlines()
     assert first.startswith(f'{file}:')
     assert ': error: ' in first
-    assert 'Is a directory' in last
+    assert 'it is a directory' in last
     assert not set(done.out) & set('\x1b\x07\x9b\u202e')
 
 
