@@ -29,6 +29,12 @@ BRAKING_SECONDS = 0.26 / 2.5
 REST_AFTER_STOP = 0.5 + BRAKING_SECONDS
 REST_AFTER_DEATH = 1.0
 SEEN_AFTER_DEATH = 3.0
+RECOVERY_SECONDS = {'bt_server': 0.0, 'navigation': 2 * 1.0}
+"""Of the tree that drives, before it fails: it asks two services of navigation to clear a costmap, and waits for each
+to appear for the BT server's `server_timeout`."""
+
+SPEED = {'speed_factor': '3.0'}
+"""Of the world: limits are in real time, ways and rest in that of the robot."""
 
 SLOW_NODES = """
 import time
@@ -50,7 +56,7 @@ def stack(system: tuple[Stack, Probe]) -> Stack:
     stack, probe = system
     ended, executive = ROBOT - stack.running(), probe.status.executive_id
     for name in ended:
-        stack.start(name)
+        stack.start(name, SPEED if name == 'simulator' else None)
     if 'onboard_executive' in ended:
         probe.wait(lambda: probe.status.executive_id != executive, 'another executive')
     return stack
@@ -104,7 +110,7 @@ def test_stop_while_driving_brings_the_robot_to_rest_and_leaves_no_goal(stack: S
     ids=['negative', 'late', 'none'],
 )
 def test_bad_times_on_clock_keep_no_stop_from_the_robot(bad: Time, stack: Stack, probe: Probe) -> None:
-    """Four seconds of the first one froze the executive for good."""
+    """Four hundred of the first one froze the executive for good."""
     with NodeRuntime.open('forger') as forger:
         publisher = forger.call(lambda: forger.node.create_publisher(Clock, CLOCK, 10))
         wait_until(lambda: publisher.get_subscription_count() >= len(ROBOT) - 1, 'those who hear the time')
@@ -114,7 +120,7 @@ def test_bad_times_on_clock_keep_no_stop_from_the_robot(bad: Time, stack: Stack,
         def send() -> None:
             publisher.publish(Clock(clock=bad))
             sent[0] += 1
-            forger.steady.call_at(forger.steady.now() + 0.01, send)
+            forger.steady.call_at(forger.steady.now() + 0.005, send)
 
         send()
         wait_until(lambda: sent[0] >= 400, 'the bad times')
@@ -130,11 +136,12 @@ def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe:
     probe.wait(lambda: console.view().running_trees, 'the tree on a console')
     killed = stack.kill(victim)
     probe.wait(lambda: probe.peer_alive(victim) is False, f'{victim} shown as dead')
-    probe.wait(lambda: probe.status.decisions, 'the state that drives has failed: the operator decides')
     assert uncontended_time() - killed < SEEN_AFTER_DEATH
+    probe.wait(lambda: probe.status.decisions, 'the state that drives has failed: the operator decides')
+    assert uncontended_time() - killed < SEEN_AFTER_DEATH + RECOVERY_SECONDS[victim]
     assert rest_after(probe, killed) < REST_AFTER_DEATH
     probe.wait(lambda: not console.view().running_trees, 'no tree runs any more for a console')
-    assert uncontended_time() - killed < SEEN_AFTER_DEATH
+    assert uncontended_time() - killed < SEEN_AFTER_DEATH + RECOVERY_SECONDS[victim]
     assert [run.server_gone for run in console.view().drawn_trees] == [True] * (victim == 'bt_server')
     assert stack.running() == ROBOT - {victim}
     assert probe.status.state == ExecutiveStatus.RUNNING, 'the behavior goes on: what to do now is for the operator'
@@ -196,9 +203,19 @@ def test_a_simulator_that_is_killed_while_driving(stack: Stack, probe: Probe) ->
     probe.wait(lambda: probe.active_goals('follow_path') == 0, 'the goal of the motion ended')
     probe.stop()
     probe.wait_state(ExecutiveStatus.IDLE)
-    stack.start('simulator')
+    stack.start('simulator', SPEED)
     probe.wait_ready()
     drive_again(probe)
+
+
+def test_a_result_says_why_when_navigation_is_not_there(stack: Stack, probe: Probe) -> None:
+    assert stack.end('navigation', signal.SIGINT, DEADLINE).exit_code == 0
+    goal = BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/recovery.xml')
+    outcome = probe.call(BtExecute, 'bt_executor', goal)
+    assert outcome.result is not None
+    assert outcome.result.code == BtExecute.Result.FAILURE
+    assert 'clear_entirely' in outcome.result.message or 'no ' in outcome.result.message
+    assert outcome.result.failed_node
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -211,13 +228,3 @@ def test_every_process_ends_in_time_and_in_order_while_the_robot_drives(
         assert ending.exit_code == 0, ending
         assert ending.seconds < 2.0, ending
         assert 'Traceback' not in ending.output, ending
-
-
-def test_a_result_says_why_when_navigation_is_not_there(stack: Stack, probe: Probe) -> None:
-    assert stack.end('navigation', signal.SIGINT, DEADLINE).exit_code == 0
-    goal = BtExecute.Goal(behavior_tree='flexbt_demo_behaviors/trees/recovery.xml')
-    outcome = probe.call(BtExecute, 'bt_executor', goal)
-    assert outcome.result is not None
-    assert outcome.result.code == BtExecute.Result.FAILURE
-    assert 'clear_entirely' in outcome.result.message or 'no ' in outcome.result.message
-    assert outcome.result.failed_node
