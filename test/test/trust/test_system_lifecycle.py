@@ -46,9 +46,8 @@ def comes_to_rest(probe: Probe, answered: float) -> None:
 
 
 def test_a_manager_brings_the_robot_up_and_down(stack: Stack, runtime: NodeRuntime) -> None:
-    stack.start('simulator', {'speed_factor': '3.0'})
-    for name in ('navigation', 'stop_guard'):
-        stack.start(name)
+    stack.start('simulation', {'speed_factor': '3.0'})
+    stack.start('stop_guard')
     for name in MANAGED:
         stack.start(name, {'autostart': 'false'})
     managers = [LifecycleClient(runtime, name) for name in MANAGED]

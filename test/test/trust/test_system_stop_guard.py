@@ -65,7 +65,7 @@ class Guard:
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Stack, Probe, Guard]]:
     with Stack(tmp_path_factory.mktemp('system')) as stack, NodeRuntime.open('probe') as runtime:
-        stack.start_all({'speed_factor': '1.0'}, {'navigators': '["navigate_to_pose"]'})
+        stack.start_all({'speed_factor': '1.0'}, {'navigators': '["navigate_to_pose"]'}, in_one=True)
         probe = Probe(runtime)
         probe.wait_ready()
         yield stack, probe, Guard(probe)
