@@ -256,14 +256,14 @@ def test_what_decides_over_files_addresses_and_limits_is_as_the_node_was_started
         assert results() == [False] * len(attempts)
 
 
-def test_twenty_rounds_with_running_trees_leave_nothing_behind() -> None:
+def test_many_rounds_with_running_trees_leave_nothing_behind() -> None:
     chance = random.Random(3)
     navigators = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
     with managed(navigators=navigators) as world:
         world.change('configure', 'activate', 'deactivate', 'cleanup')  # transforms are heard from now on
         before = world.entities()
         threads: set[int] = set()
-        for round in range(20):
+        for round in range(8):
             world.change('configure', 'activate')
             world.client.load_tree(f'<Sequence><Delay delay_msec="{chance.randrange(3)}">{WAITING}</Delay></Sequence>')
             assert LifecycleClient(world.client.runtime, names.BT_NAVIGATOR).state() == 'active'

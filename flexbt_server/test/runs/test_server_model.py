@@ -30,7 +30,7 @@ from flexbt_testing.nodes.sent_goal import SentGoal
 from flexbt_testing.nodes.server_world import World, document, install_nodes, open_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
-STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '700'))
+STEPS = int(os.environ.get('FLEXBT_MODEL_STEPS', '300'))
 SEED = int(os.environ.get('FLEXBT_MODEL_SEED', '0'))
 BOARDS = ['', 'a']
 BROKEN = ['<root>', '<root BTCPP_format="4"><BehaviorTree ID="T0"><NoSuchNode/></BehaviorTree></root>', 'x' * 3000]
