@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from rich.cells import cell_len, split_graphemes
 
 from .glyphs import glyphs
@@ -72,6 +74,7 @@ def _begin(text: str, cells: int) -> str:
     return text
 
 
+@lru_cache(4096)
 def _cells(before: str, character: str) -> int:
     """The cells that a character takes behind another one, which a variation selector may make wide."""
     return cell_len(before + character) - cell_len(before)
