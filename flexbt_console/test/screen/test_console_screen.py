@@ -26,7 +26,7 @@ from textual._compositor import Compositor
 from textual._context import active_app
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Input, OptionList
 
 from flexbt_console.commands import COMMANDS, CommandBuilder, NobodyAsked, offers
 from flexbt_console.errors import ConsoleError
@@ -203,14 +203,22 @@ def on_screen(
         for module in ('app', 'pilot'):
             patch.setattr(f'textual.{module}.wait_for_idle', all_done)
         if not is_drawn:
-            patch.setattr(Compositor, 'render_update', lambda screen, **_: screen._dirty_regions.clear())
+            patch.setattr(Compositor, 'render_update', draw_nothing)
         asyncio.run(run())
+
+
+def draw_nothing(compositor: Compositor, **_: object) -> None:
+    """Stand in for what draws what has changed: only lists are, which count their lines by it."""
+    for widget in compositor.visible_widgets:
+        if isinstance(widget, OptionList):
+            widget.render_line(0)
+    compositor._dirty_regions.clear()
 
 
 async def all_done(*_: float) -> None:
     """Wait until what was begun is done. Textual's own waits until the process is idle, by a clock: 20 ms or more."""
     ready = asyncio.get_running_loop()._ready  # type: ignore[attr-defined]
-    for _again in range(6):  # a layout may scroll, and that lead to another one
+    for _again in range(4):  # a layout may scroll, and that lead to another one
         while ready:
             await asyncio.sleep(0)
         active_app.get().screen._on_timer_update()
