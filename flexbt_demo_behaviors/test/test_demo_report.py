@@ -71,14 +71,11 @@ def test_the_track_keeps_what_was_driven_and_the_first_plan_to_each_place() -> N
 
 def test_the_track_knows_rest() -> None:
     track = RobotTrack()
-    track.add_pose(Pose(0.0, 0.0, math.pi), time=5.0)
-    assert track.at_rest
-    track.add_pose(Pose(0.02, 0.0, math.pi), time=5.1)
-    assert not track.at_rest
-    track.add_pose(Pose(0.02, 0.0, math.pi - 0.03), time=5.2)
-    assert not track.at_rest
-    track.add_pose(Pose(0.02, 0.0, -math.pi - 0.03), time=5.3)
-    assert track.at_rest
+    rests = []
+    for time, x, yaw in ((5.0, 0.0, 0.0), (5.1, 0.02, 0.0), (5.2, 0.02, -0.03), (5.3, 0.02, math.tau - 0.03)):
+        track.add_pose(Pose(x, 0.0, yaw), time)
+        rests.append(track.at_rest)
+    assert rests == [True, False, False, True]
 
 
 def test_poses_have_a_distance() -> None:
