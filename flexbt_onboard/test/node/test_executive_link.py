@@ -158,7 +158,7 @@ def test_bad_times_on_clock_keep_no_operator_from_stopping(make_bench: Make, kin
         stack.callback(thread.join)
         stack.callback(stopped.set)
         thread.start()
-        for number in range(40):
+        for number in range(15):
             bench.applied(ExecutiveCommand.NOTE, text=f'note {number}')  # log, events and status ask for the time
         sequence = bench.status.sequence
         bench.wait_for(lambda status: status.sequence > sequence, 'a heartbeat')
