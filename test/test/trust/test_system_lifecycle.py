@@ -95,10 +95,15 @@ def test_a_parameter_that_cannot_work_ends_a_node_that_starts_by_itself_only(
     stack: Stack, runtime: NodeRuntime
 ) -> None:
     wrong = {'nav2_branch': 'humble', 'use_sim_time': 'false'}
-    stack.start('bt_server', wrong)
-    ending = stack.end('bt_server', signal.SIGCONT, 60.0)
-    assert ending.exit_code == 1
-    assert "cannot start: parameter 'nav2_branch': 'humble' is not one of" in ending.output
+    for name, parameters, why in (
+        ('bt_server', wrong, "parameter 'nav2_branch': 'humble' is not a branch"),
+        ('onboard_executive', {'autonomy': '7', 'use_sim_time': 'false'}, "parameter 'autonomy': 7 is out of range"),
+    ):
+        stack.start(name, parameters)
+        ending = stack.end(name, signal.SIGCONT, 60.0)
+        assert ending.exit_code == 1
+        (line,) = ending.output.splitlines()  # and no advice to configure it
+        assert line.startswith(f'{name}: cannot start: {why}')
     stack.start('bt_server', {'autostart': 'false', **wrong})
     manager = LifecycleClient(runtime, 'bt_server')
     for _ in range(2):
