@@ -50,7 +50,7 @@ def probe(system: tuple[Stack, Probe]) -> Iterator[Probe]:
     probe = system[1]
     probe.wait_ready()
     probe.reset()
-    probe.drive_to(*GOAL)
+    probe.drive_to(*GOAL, driven=0.1)
     yield probe
     if probe.status.state != ExecutiveStatus.IDLE:
         probe.stop()
