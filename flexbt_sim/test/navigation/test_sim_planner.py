@@ -23,7 +23,7 @@ from flexbt_sim.world import OccupancyMap, Pose, wrap
 INFLATION = Inflation()
 RADIUS = INFLATION.robot_radius
 Cell = tuple[int, int]
-thorough = settings(deadline=None, max_examples=20)
+thorough = settings(deadline=None, max_examples=10)
 
 
 class SlowSearch:
