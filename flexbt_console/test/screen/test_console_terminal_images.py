@@ -10,9 +10,12 @@ import termios
 
 import pytest
 
+from flexbt_console.ui.screen import terminal_images
+
 pytest.importorskip('textual_image', reason='pip install textual-image')
 
-PROGRAM = 'from flexbt_console.ui.screen.terminal_images import image_widget as find; print(find(), flush=True)'
+# The file alone: the screen around it takes a second to be imported.
+PROGRAM = 'import runpy, sys; print(runpy.run_path(sys.argv[1])["image_widget"](), flush=True)'
 KNOWN = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID', 'WT_SESSION', 'FLEXBT_IMAGES')
 
 
@@ -21,7 +24,8 @@ def written(attributes: bytes, environment: dict[str, str], columns: int = 80) -
     terminal, other = os.openpty()
     fcntl.ioctl(other, termios.TIOCSWINSZ, struct.pack('HHHH', 24, columns, 10 * columns, 480))
     given = {name: value for name, value in os.environ.items() if name not in KNOWN} | environment
-    process = subprocess.Popen([sys.executable, '-c', PROGRAM], stdin=other, stdout=other, stderr=other, env=given)
+    command = [sys.executable, '-c', PROGRAM, terminal_images.__file__]
+    process = subprocess.Popen(command, stdin=other, stdout=other, stderr=other, env=given)
     os.close(other)
     text = b''
     try:
