@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,7 +33,7 @@ from nav2_msgs.msg import RouteNode
 from nav2_msgs.srv import ClearEntireCostmap, IsPathValid
 
 from flexbt_common import names
-from flexbt_common.calls import ActionLinks
+from flexbt_common.calls import ActionLinks, ActionServerLink
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import Encoding, to_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad, BtSetData
@@ -149,11 +150,19 @@ class Client:
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.runtime = runtime
-        links = ActionLinks(runtime)
-        self.loader = links.link(BtLoad, names.BT_LOADER)
-        self.executor = links.link(BtExecute, names.BT_EXECUTOR)
-        self.getter = links.link(BtGetData, names.BT_GET_DATA)
-        self.setter = links.link(BtSetData, names.BT_SET_DATA)
+        self._links = ActionLinks(runtime)
+        self.loader = self._links.link(BtLoad, names.BT_LOADER)
+        self.executor = self._links.link(BtExecute, names.BT_EXECUTOR)
+
+    @cached_property
+    def getter(self) -> ActionServerLink:
+        """Where entries are read; few tests do."""
+        return self._links.link(BtGetData, names.BT_GET_DATA)
+
+    @cached_property
+    def setter(self) -> ActionServerLink:
+        """Where entries are written."""
+        return self._links.link(BtSetData, names.BT_SET_DATA)
 
     def load(self, *files: str, xml: str = '') -> Any:
         """Load, and give the result."""
