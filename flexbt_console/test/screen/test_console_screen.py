@@ -649,12 +649,16 @@ def test_what_is_typed_into_a_list_is_what_is_sent_or_nothing(tries: list[tuple[
     asked = [Decision(f'd{state.path}', DecisionKind.CHOICE, state.path, outcomes=state.outcomes) for state in INNER]
     asked[0] = dataclasses.replace(asked[0], kind=DecisionKind.TRANSITION, outcome='done', required_autonomy=3)
     active = tuple(ActiveState(one.path, 1.0) for one in INNER)
-    robot.show(*asked, active_states=active, authority='ann', authority_requests=('bob', 'eve'))
 
     async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
         for key, word in tries:
+            robot.show(*asked, active_states=active, authority='ann', authority_requests=('bob', 'eve'))  # it is live
+            await pilot.pause()
+            app.draw()
             robot.link.sent.clear()
             word = ''.join(sign for sign in word if sign.isprintable() and sign not in 'q!')  # which leave, and stop
+            if not key and not (word := ''.join(sign for sign in word if sign.isalnum() or sign in ' /').strip()):
+                continue  # Enter alone confirms
             type_at_once(app, key, *word, 'enter', 'enter', 'enter', 'escape', 'escape', 'escape')
             await seen(robot, pilot)
             if not key:
