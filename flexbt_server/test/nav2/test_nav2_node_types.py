@@ -320,11 +320,11 @@ def described(port: Port) -> tuple[str, str, str | None]:
 def test_what_is_installed_while_the_process_runs_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     path = list(sys.path)
-    assert 'Meanwhile' not in node_registry(pytest.fail)
+    assert 'Meanwhile' not in node_registry(fail)
     (tmp_path / 'installed_meanwhile.py').write_text(
         'from flexbt_testing.nodes.server_nodes import Raises\n'
         'def register(registry): registry.register("Meanwhile", Raises)\n'
     )
     install_nodes(tmp_path, 'installed_meanwhile')
     monkeypatch.setattr(sys, 'path', path)  # where Python looks is what it was
-    assert 'Meanwhile' in node_registry(pytest.fail)
+    assert 'Meanwhile' in node_registry(fail)
