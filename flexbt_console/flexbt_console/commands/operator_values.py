@@ -15,7 +15,7 @@ from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror import LIVENESS, AutonomyLevel, BehaviorParameter, Decision, InputValue, Pose, plain_type
 from flexbt_console.present import limits_text
 from flexbt_core import values
-from flexbt_core.values import TextFileError, YamlError, hint, load_yaml, read_text, shown
+from flexbt_core.values import TextFileError, hint, read_text, shown
 
 MOST_COLUMNS: Final = 1000
 """Columns, and rows, of a picture in cells."""
@@ -72,6 +72,8 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
     if parameter.type == 'bool' and text.strip().lower() not in _BOOLEANS:
         raise RefusedError(f'{where} is no bool; expected true or false')
     if parameter.type in _STRUCTURES:
+        from flexbt_core.values import YamlError, load_yaml  # help and completion need no YAML
+
         kind, example = _STRUCTURES[parameter.type]
         try:
             if not isinstance(load_yaml(text), kind):

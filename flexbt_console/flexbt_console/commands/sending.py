@@ -8,6 +8,7 @@ from typing import Final
 
 from flexbt_console.errors import NotShownError, RefusedError, UsageError
 from flexbt_console.mirror import NOTE_LENGTH, Command, CommandKind, DecisionKind, View
+from flexbt_core.values import one_line
 
 from .command_builder import CommandBuilder
 from .operator_values import assignment, autonomy_level, start_input
@@ -63,8 +64,10 @@ def _switch(line: CommandLine, view: View, make: CommandBuilder) -> Command:
 def _check_listed(line: CommandLine, view: View) -> None:
     """Raises NotShownError: the behavior may be one that was synthesized, and nobody here can have seen its machine."""
     if view.behaviors is None and not line.has(UNSEEN):
+        message = view.snapshot.message if view.snapshot is not None else ''
+        why = f' ({one_line(message, 300)})' if message else ''
         raise NotShownError(
-            'the robot has not said which behaviors it has, and how those were synthesized; nothing was sent. '
+            f'the robot has not said which behaviors it has, and how those were synthesized{why}; nothing was sent. '
             'Wait for it, or send it all the same with --unseen'
         )
 
