@@ -23,11 +23,11 @@ from flexbt_testing.system.python_process import logged_python_process
 from flexbt_testing.waiting import wait_until
 
 _TALKER = """
-import logging, subprocess, sys, threading
+import logging, subprocess, sys
 from flexbt_common.runtime import run_node
 
 def setup(runtime):
-    log = runtime.node.get_logger()
+    log, children = runtime.node.get_logger(), []
 
     def talk():
         library = logging.getLogger('library')
@@ -36,14 +36,13 @@ def setup(runtime):
         for number in range(120):
             log.info(f'line {number} ' + 'x' * 15_000)
             print('printed', number, 'y' * 15_000)
-        child = subprocess.Popen(['sh', '-c', "head -c 200000 /dev/zero | tr '\\\\0' c"])
-        threading.Thread(target=lambda: log.info(f'child ended with {child.wait()}'), daemon=True).start()
+        children.append(subprocess.Popen(['sh', '-c', "head -c 200000 /dev/zero | tr '\\\\0' c"]))
         with open(sys.argv[1], 'w') as done:
             done.write('done')
         go_on()
 
     def go_on():
-        log.warning('still there')
+        log.warning(f'still there; the exit code of the child: {children[0].poll()}')
         print('still printing')
         runtime.post_in(0.05, go_on)
 
@@ -131,7 +130,10 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_its_children_wait(tmp_path
         wait_until(done.exists)  # and not a byte of it was read
         assert os.get_blocking(writing)  # who has the output besides waits for its reader, as usual
         read = _read_until(
-            reading, b' cut or missing here: nobody read', b' lines dropped: nobody read', b'child ended with 0'
+            reading,
+            b' cut or missing here: nobody read',
+            b' lines dropped: nobody read',
+            b'the exit code of the child: 0',
         )
         assert b'line 0 ' in read and read.count(b'c') >= 200_000
         assert re.search(rb'\n(\x1b\[33m)?\[WARN\] \[[0-9.]+\] \[talker\]: [0-9]+ messages cut or missing here', read)

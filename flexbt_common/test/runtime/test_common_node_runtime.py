@@ -175,14 +175,16 @@ class Link:
     def __init__(self):
         self.me = self
 
-collected = []
+collected, links = [], []
 with NodeRuntime.open('collecting') as runtime:
     gc.collect()
     gc.set_threshold(1)
     for _ in range(1000):
-        weakref.finalize(Link(), runtime.post, lambda: collected.append(1)).atexit = False
+        links.append(weakref.finalize(Link(), runtime.post, lambda: collected.append(1)))
+        links[-1].atexit = False
         runtime.post(lambda: None)
-    gc.collect()
+    while any(link.alive for link in links):  # none is collected here while another thread collects
+        gc.collect()
     runtime.call(lambda: print(len(collected), flush=True))
 """
 
