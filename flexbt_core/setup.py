@@ -17,13 +17,12 @@ setup(
     python_requires='>=3.11',
     install_requires=['pyyaml'],
     extras_require={
-        'synthesis': ['dd>=0.6'],  # machines from capabilities; CUDD is in its wheels, else it is pure Python
         'test': ['pytest', 'hypothesis'],  # colcon test looks for it
     },
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Behavior trees (BehaviorTree.CPP), state machines (FlexBE), planning, synthesis, proof, without ROS.',
+    description='Behavior trees (BehaviorTree.CPP) and state machines (FlexBE), with skills and monitors, without ROS.',
     # colcon runs this through a symbolic link.
     long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',

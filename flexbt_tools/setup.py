@@ -17,7 +17,7 @@ setup(
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',
-    description='Trees and behaviors without a robot: check, show, draw, run with mocks, plan, synthesize, prove.',
+    description='Trees and behaviors without a robot: check, show, draw, run with mocks.',
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [
@@ -25,6 +25,5 @@ setup(
             'bt_tool = flexbt_tools.executables:bt_tool',
             'security_policy = flexbt_tools.executables:security_policy',
         ],
-        'flexbt.synthesis': ['search = flexbt_tools.synthesis.search:main'],
     },
 )

@@ -17,7 +17,7 @@ from typing import Final
 from _figures import write_figures
 
 from flexbt_core.behavior_tree import TreeLoadError
-from flexbt_core.roaml import Limits, Model, ModelFault, check
+from flexbt_formal.roaml import Limits, Model, ModelFault, check
 
 DATA: Final = 'test/jani_generator/_test_data'
 NEAR: Final = 0.015

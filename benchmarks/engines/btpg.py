@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 
 from _figures import write_figures
 
-from flexbt_core.planning import Domain, Outcome, Reachability, read_scene, search
+from flexbt_formal.planning import Domain, Outcome, Reachability, read_scene, search
 
 DATA: Final = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[3] / 'shared/data')) / 'btpg'
 LITERALS, CONJUNCTIONS = 5, 30

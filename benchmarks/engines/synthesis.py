@@ -17,9 +17,9 @@ from typing import Any, Final
 
 from _figures import write_figures
 
-from flexbt_core.synthesis import synthesize
-from flexbt_core.synthesis.games import Section
-from flexbt_core.synthesis.inputs import (
+from flexbt_formal.synthesis import synthesize
+from flexbt_formal.synthesis.games import Section
+from flexbt_formal.synthesis.inputs import (
     Interface,
     Liveness,
     Options,

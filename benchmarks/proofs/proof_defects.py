@@ -40,9 +40,9 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import STRING
 from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
-from flexbt_core.exploration import Limits, Report, TreeSystem, compare, explore
 from flexbt_core.monitors import parse_requirement, problems_with
 from flexbt_core.skills import Predicate, Skill
+from flexbt_formal.exploration import Limits, Report, TreeSystem, compare, explore
 from flexbt_testing.behavior_trees.seeded_trees import StandIn
 
 TARGET: Final = 0.95

@@ -18,12 +18,12 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_core.exploration import Bounds, Report
 from flexbt_core.state_machine import Autonomy, MachineDefinition, OperatableStateMachine, define, with_retry
+from flexbt_formal.exploration import Bounds, Report
+from flexbt_formal.proofs.behaviors import prove_behavior
 from flexbt_server.node_types import node_registry
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtLoaderState, OperatorDecisionState
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behavior_proofs import prove_behavior
 from flexbt_tools.behaviors import build, installed, used_trees
 from flexbt_tools.trees import OpenRegistry
 

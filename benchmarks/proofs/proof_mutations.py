@@ -21,7 +21,7 @@ from typing import Final
 
 from _figures import write_figures
 
-from flexbt_core.exploration import Counterexample, Limits, Report, System, explore, replay
+from flexbt_formal.exploration import Counterexample, Limits, Report, System, explore, replay
 from flexbt_testing.behavior_trees.seeded_trees import DEFECTS, seeded_tree
 from flexbt_testing.state_machines.seeded_machines import seeded_machine
 

@@ -31,15 +31,15 @@ from _figures import write_figures
 from proof_missions import under_a_machine
 
 from flexbt_core.behavior_tree import NodeKind, TreeLoadError
-from flexbt_core.exploration import Bounds, Limits
 from flexbt_core.monitors import Stated, parse_requirement
 from flexbt_core.state_machine import Autonomy, MachineDefinition, StateDefinition, define
+from flexbt_formal.exploration import Bounds, Limits
+from flexbt_formal.proofs.behaviors import Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.trees import ProofCache, compare_trees, prove_tree
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behavior_proofs import Version, compare_behaviors, prove_behavior
 from flexbt_tools.behaviors import build, installed, used_trees
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.proofs import ProofCache, compare_trees, prove_tree
 from flexbt_tools.tree_checks import Severity, check_trees
 from flexbt_tools.trees import OpenRegistry, find_resource, read_library, roots
 

@@ -35,15 +35,15 @@ from _figures import write_figures
 from _right_missions import MACHINES, STATES, TREES, Mission
 
 from flexbt_core.behavior_tree import TreeLoadError
-from flexbt_core.exploration import Bounds, Limits
 from flexbt_core.monitors import RequirementError, Stated, machine_vocabulary, parse_requirement, problems_with
 from flexbt_core.state_machine import MachineDefinition, MachineError, read_machine
+from flexbt_formal.exploration import Bounds, Limits
+from flexbt_formal.proofs.behaviors import Version, compare_behaviors, prove_behavior
+from flexbt_formal.proofs.trees import compare_trees, prove_tree
 from flexbt_server.node_types import node_registry
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES
-from flexbt_tools.behavior_proofs import Version, compare_behaviors, prove_behavior
 from flexbt_tools.behaviors import BuiltBehavior, check_behavior, used_trees
 from flexbt_tools.errors import RefusedError, UnfitError
-from flexbt_tools.proofs import compare_trees, prove_tree
 from flexbt_tools.tree_checks import Severity, check_trees
 from flexbt_tools.trees import OpenRegistry, read_library, roots
 

@@ -53,7 +53,7 @@ def page() -> str:
     broken: list[str] = []
     registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
     assert not broken, broken
-    ours = ('flexbt_core.', 'flexbt_server.')
+    ours = ('flexbt_core.', 'flexbt_server.', 'flexbt_formal.')
     manifests = [manifest for manifest in registry if manifest.node_class.__module__.startswith(ours)]
     overview = sorted(manifests, key=lambda manifest: KINDS.index(manifest.kind))
     lines = [HEAD, *(overview_row(manifest) for manifest in overview), '']

@@ -4,12 +4,12 @@
 from pathlib import Path
 
 from flexbt_core.behavior_tree import load_xml, node_skills
-from flexbt_core.planning import plan, read_mission, skill_problem, tree_xml
 from flexbt_core.skills import read_skills
 from flexbt_core.state_machine import define
 from flexbt_demo_goals.behavior import ReachGoal
 from flexbt_demo_goals.demonstration import flat, robot_processes
 from flexbt_demo_goals.leaves import ROOMS, room_at
+from flexbt_formal.planning import plan, read_mission, skill_problem, tree_xml
 from flexbt_onboard.behaviors import BehaviorLibrary
 from flexbt_server.leaves import ServiceLeaf
 from flexbt_server.node_types import node_registry

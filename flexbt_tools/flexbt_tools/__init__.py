@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees and behaviors without a robot: check, show, draw, run with mocks, plan, synthesize, prove."""
+"""Trees and behaviors without a robot: check, show, draw, run with mocks."""

@@ -43,6 +43,14 @@ class UsageError(ToolError):
     exit_code = ExitCode.USAGE
 
 
+def missing_package(wanted: str) -> UsageError:
+    """Return the error for something that flexbt_formal adds, where that package is not installed."""
+    return UsageError(
+        f'{wanted} needs the package flexbt_formal, which is not installed; install it beside flexbt_tools '
+        '(colcon build --packages-up-to flexbt_formal)'
+    )
+
+
 class RefusedError(ToolError):
     """Files that are needed cannot be used; ``errors`` say why, and where."""
 

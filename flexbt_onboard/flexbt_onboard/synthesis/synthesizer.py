@@ -22,7 +22,7 @@ from .machine_store import MACHINE_LENGTH, MachineStore, check_name
 from .search_process import SearchMessage, SearchProcess
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
-"""Entry point group of the module that searches, as a program of its own: see flexbt_tools.synthesis.search."""
+"""Entry point group of the module that searches, as a program of its own: see flexbt_formal.requests.search."""
 
 DEFAULT_SECONDS: Final = 60.0
 MOST_SECONDS: Final = 3600.0
@@ -292,5 +292,5 @@ def _installed_command() -> Sequence[str]:
     """The program that searches. Raises CommandRefusedError when none is installed."""
     points = sorted(entry_points(group=SEARCH_GROUP), key=lambda point: point.name)
     if not points:
-        raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_tools here')
+        raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_formal here')
     return [sys.executable, '-m', points[0].module]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that reach ROS: bases for one's own, and those that run a behavior or reach a goal."""
+"""Leaves that reach ROS: bases for one's own, and the one that runs a behavior."""
 
 from flexbt_server.trees import DURATION, PATH, POSE_STAMPED, POSES, message_type
 
@@ -9,7 +9,6 @@ from .called_servers import called_servers, subscribed_topics
 from .ending_goals import EndingGoals
 from .leaf_services import LeafServices
 from .pose_leaf import PoseLeaf
-from .reach_goal import ReachGoal
 from .robot_frames import RobotFrames
 from .service_leaf import SERVICE_PORTS, ServiceCondition, ServiceLeaf, ServiceNode, ServiceSyncAction
 from .topic_cache import SubscribedTopic, TopicCache, TopicCaches
@@ -30,7 +29,6 @@ __all__ = [
     'ExecuteBehavior',
     'LeafServices',
     'PoseLeaf',
-    'ReachGoal',
     'RobotFrames',
     'ServiceCondition',
     'ServiceLeaf',

@@ -7,7 +7,7 @@ from typing import Final
 
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.behavior_tree.nodes.nav2 import Nav2Branch, register_branches
-from flexbt_server.leaves import ExecuteBehavior, ReachGoal
+from flexbt_server.leaves import ExecuteBehavior
 
 from . import (
     costmap_services,
@@ -38,6 +38,6 @@ FAMILIES: Final = (
 
 def register_leaves(registry: NodeRegistry, nav2_branch: Nav2Branch = 'jazzy') -> None:
     """Makes them known to ``registry``, as they are in that branch of Nav2 where a file does not show its own."""
-    registry.register_classes([ExecuteBehavior, ReachGoal])
+    registry.register_classes([ExecuteBehavior])
     for family in FAMILIES:
         register_branches(registry, family.NODES, nav2_branch)

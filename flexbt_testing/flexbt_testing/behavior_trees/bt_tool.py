@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool``, and other commands, as tests call them: in this process, with what they print."""
+"""``bt_tool``, ``behavior_tool`` and other commands, as tests call them: in this process, with what they print."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from flexbt_tools.cli import behavior_tool as behavior_executable
 from flexbt_tools.cli.bt_tool import main
 
 _SHARED_DATA = Path(os.environ.get('FLEXBT_SHARED_DATA', Path(__file__).resolve().parents[4] / 'shared/data'))
@@ -58,3 +59,8 @@ def without_marks(text: str) -> tuple[str, list[str]]:
         places.append(f'{line}:{position - text.rfind(chr(10), 0, position)}')
         text = text[:position] + text[position + 1 :]
     return text, places
+
+
+def behavior_tool(*words: str) -> Done:
+    """Run ``behavior_tool``."""
+    return called(behavior_executable.main, words)

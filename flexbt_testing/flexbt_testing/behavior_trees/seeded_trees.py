@@ -21,9 +21,9 @@ from flexbt_core.behavior_tree import (
 )
 from flexbt_core.behavior_tree.model import IDLE, RUNNING, STRING
 from flexbt_core.behavior_tree.nodes import reactive, timing
-from flexbt_core.exploration import TreeSystem
 from flexbt_core.monitors import While
 from flexbt_core.skills import Skill
+from flexbt_formal.exploration import TreeSystem
 
 DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key', 'endless attempts')
 """A Sequence where a ReactiveSequence was; a control that halts no sibling; a delay that sets no timer; a Parallel of

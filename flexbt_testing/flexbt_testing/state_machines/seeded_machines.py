@@ -6,7 +6,6 @@ from __future__ import annotations
 import random
 from typing import NamedTuple
 
-from flexbt_core.exploration import MachineSystem, StateKind, StateModel, state_model
 from flexbt_core.monitors import After, Before, Requirement
 from flexbt_core.state_machine import (
     EventState,
@@ -15,6 +14,7 @@ from flexbt_core.state_machine import (
     StateDefinition,
     define,
 )
+from flexbt_formal.exploration import MachineSystem, StateKind, StateModel, state_model
 
 
 class _Work(EventState):

@@ -5,7 +5,7 @@ from .behavior_picture import graph_of
 from .built_behavior import BuiltBehavior, behavior_entry, build, installed, machine_file
 from .check import check_behavior
 from .findings import REFUSED, RULES, Finding
-from .machine_text import machine_lines, structure_as_json
+from .machine_text import machine_lines, reasons, structure_as_json
 from .used_trees import TreeUse, UsedTrees, used_trees
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     'installed',
     'machine_file',
     'machine_lines',
+    'reasons',
     'structure_as_json',
     'used_trees',
 ]

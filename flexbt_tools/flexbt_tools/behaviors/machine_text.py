@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The state machine of a behavior as text, and as JSON."""
+"""The state machine of a behavior as text and as JSON, and what the text of a synthesized one says of its states."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from typing import Final
+
+import yaml
 
 from flexbt_core.state_machine import AUTONOMY_NAMES, MachineDefinition, StructureEntry, Transition
 from flexbt_core.values import one_line
@@ -11,6 +15,7 @@ from flexbt_core.values import one_line
 from .built_behavior import BuiltBehavior
 
 _INDENT = '  '
+_REASON: Final = re.compile(r'    (?! )(.+?):  # (.+)')
 
 
 def machine_lines(behavior: BuiltBehavior) -> Iterator[str]:
@@ -50,3 +55,12 @@ def structure_as_json(entry: StructureEntry) -> dict[str, object]:
         'targets': entry.targets,
         'autonomy': entry.autonomy,
     }
+
+
+def reasons(text: str) -> dict[str, str]:
+    """Return why each state is there, by its name, from the text (YAML) of a synthesized machine.
+
+    :func:`flexbt_formal.synthesis.machines.machine_as_yaml` writes it as a comment behind the name.
+    """
+    found = (_REASON.fullmatch(line) for line in text.splitlines())
+    return {str(yaml.safe_load(match[1])): match[2] for match in found if match is not None}

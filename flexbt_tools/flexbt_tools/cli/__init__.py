@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the executables bt_tool and behavior_tool share; each has a room of its own here."""
 
-from . import arguments, picture_output, proof_arguments, report, skill_output
+from . import arguments, picture_output, report, skill_output
 from .command import Command, run_command
 from .report import Reported
 
@@ -10,7 +10,6 @@ __all__ = [
     'Reported',
     'arguments',
     'picture_output',
-    'proof_arguments',
     'report',
     'run_command',
     'skill_output',

@@ -1,16 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An executable with commands: its arguments, its errors, its exit code."""
+"""An executable with commands: its arguments, its errors, its exit code.
+
+Packages that need more than this one add commands by entry points of the group :data:`ENTRY_POINTS`: the name is
+``<executable>.<command>``, the value the module.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Protocol
+from importlib.metadata import entry_points
+from typing import Final, Protocol
 
 from flexbt_common.cli import HintingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
 from flexbt_core.values import lines
-from flexbt_tools.errors import ExitCode, ToolError
+from flexbt_tools.errors import ExitCode, ToolError, missing_package
+
+ENTRY_POINTS: Final = 'flexbt.commands'
 
 
 class Command(Protocol):
@@ -26,14 +33,30 @@ class Command(Protocol):
 def run_command(
     program: str,
     description: str,
-    commands: Sequence[tuple[str, Command, str]],
+    commands: Sequence[tuple[str, Command | None, str]],
     exit_codes: Sequence[tuple[str, str]],
     words: Sequence[str] | None,
 ) -> int:
-    """Runs one of the commands (name, module, summary) of an executable and gives its exit code."""
+    """Run one of the commands (name, module, summary) of an executable and return its exit code.
+
+    A command without a module is one that flexbt_formal adds; where it is not installed, it is refused.
+    """
     make_streams_safe()
-    options = _parser(program, description, commands, exit_codes).parse_args(words)
+    words = sys.argv[1:] if words is None else words
+    added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+    own: list[tuple[str, Command, str]] = []
+    missing: list[str] = []
+    for name, module, summary in commands:
+        if module is not None:
+            own.append((name, module, summary))
+        elif point := added.get(f'{program}.{name}'):
+            own.append((name, point.load(), summary))
+        else:
+            missing.append(name)
     try:
+        if words and words[0] in missing:
+            raise missing_package(f'{program} {words[0]}')
+        options = _parser(program, description, own, exit_codes).parse_args(words)
         code: ExitCode = options.run(options)
         sys.stdout.flush()
     except ToolError as error:

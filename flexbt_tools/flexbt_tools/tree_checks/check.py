@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from importlib.metadata import entry_points
 from typing import Final
 
-from flexbt_core.behavior_tree import NodeRegistry
+from flexbt_core.behavior_tree import NodeRegistry, TreeLibrary
 from flexbt_core.skills import SkillLibrary
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees import read_library, shown_name
@@ -16,7 +17,9 @@ from .copies import copies
 from .diagnostics import REFUSED, Diagnostic
 from .lint import findings
 from .meanings import mixed_up
-from .missions import missions
+
+ENTRY_POINTS: Final = 'flexbt.tree_checks'
+"""Group of the entry points by which a package adds checks: functions of library and registry that yield findings."""
 
 _NO_SKILLS: Final = SkillLibrary()
 
@@ -37,13 +40,18 @@ def check_trees(
         found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:
         own = findings(library, inputs, shared=shared, skills=skills)
-        all_found = [*own, *copies(library, registry), *mixed_up(library, registry), *missions(library, registry)]
+        all_found = [*own, *copies(library, registry), *mixed_up(library, registry), *_added(library, registry)]
         found = list(dict.fromkeys(all_found))
     order = {shown_name(file): index for index, file in enumerate(files)}
     return sorted(
         found,
         key=lambda one: (order.get(one.place.file, len(order)), one.place.file, one.place.line, one.place.column),
     )
+
+
+def _added(library: TreeLibrary, registry: NodeRegistry) -> Iterable[Diagnostic]:
+    for point in sorted(entry_points(group=ENTRY_POINTS)):
+        yield from point.load()(library, registry)
 
 
 def joined(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:

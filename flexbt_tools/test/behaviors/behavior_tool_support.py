@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors for the tests, and the tool as they call it."""
+"""Behaviors for the tests."""
 
 from __future__ import annotations
 
@@ -8,14 +8,7 @@ import functools
 from flexbt_core.behavior_tree import NodeRegistry
 from flexbt_core.state_machine import EventState, OperatableStateMachine, define
 from flexbt_server.node_types import node_registry
-from flexbt_testing.behavior_trees.bt_tool import Done, called
 from flexbt_tools.behaviors import BuiltBehavior, check_behavior
-from flexbt_tools.cli.behavior_tool import main
-
-
-def tool(*words: str) -> Done:
-    """Runs ``behavior_tool``."""
-    return called(main, words)
 
 
 class Leaf(EventState):

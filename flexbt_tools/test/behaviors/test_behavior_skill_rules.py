@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from behavior_tool_support import Leaf, found, tool
+from behavior_tool_support import Leaf, found
 
 from flexbt_core.skills import Outcome, Skill
 from flexbt_core.state_machine import (
@@ -16,8 +16,9 @@ from flexbt_core.state_machine import (
     OperatableStateMachine,
     PriorityContainer,
 )
-from flexbt_core.synthesis.inputs import read_capabilities
+from flexbt_formal.synthesis.inputs import read_capabilities
 from flexbt_states import BtExecuteState, BtLoaderState
+from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
 
 def skilled(skill: Skill, *outcomes: str) -> EventState:

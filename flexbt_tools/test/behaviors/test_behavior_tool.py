@@ -9,7 +9,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from behavior_tool_support import tool
+
+from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
 
 def test_the_demonstrations_are_without_fault() -> None:

@@ -37,6 +37,8 @@ from .parser import Element, value_offset
 
 _CONTROL_CHARACTER: Final = re.compile(r'[^\t\r\n -\U0010ffff]')
 EXPLICIT_TAGS: Final = frozenset(kind.value for kind in NodeKind)
+OPTIONAL_TYPES: Final = {'ReachGoal': 'flexbt_formal'}
+"""Packages of FlexBT that a robot may do without, by the node types that they add."""
 
 
 class NodeTypes(Protocol):
@@ -147,7 +149,10 @@ class NodeReader:
             message = 'SequenceStar is of format 3; write <SequenceWithMemory>'
         else:
             message = f'node type [{id}] is not registered'
-            similar = self._registry.suggestions(id)
+            package = OPTIONAL_TYPES.get(id)
+            if package is not None:
+                message += f'; it is a leaf of the package {package}, which is not installed here'
+            similar = [] if package else self._registry.suggestions(id)
             if not similar:
                 self._error(element, message, unknown=id)
                 return

@@ -8,7 +8,7 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, prove, show, skills, synthesize
+from . import check, draw, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong'),
@@ -28,11 +28,11 @@ COMMANDS: Final = (
     ('check', check, 'find what is wrong, and what is suspicious, in behaviors and their trees'),
     ('show', show, 'show the state machine of a behavior as text'),
     ('skills', skills, 'check manifests of states, show them, or make capabilities of them'),
-    ('prove', prove, 'follow all that can happen to a behavior, and tell what is wrong'),
+    ('prove', None, 'follow all that can happen to a behavior, and tell what is wrong'),
     ('draw', draw, 'draw a behavior with its trees'),
     (
         'synthesize',
-        synthesize,
+        None,
         'make a state machine that reaches a goal, from capabilities, or tell why there is none',
     ),
 )

@@ -6,9 +6,8 @@ from __future__ import annotations
 import argparse
 
 from flexbt_common.pictures import machine_as_dot, machine_as_mermaid
-from flexbt_core.synthesis.machines import reasons
 from flexbt_core.values import read_text
-from flexbt_tools.behaviors import UsedTrees, graph_of, machine_file, used_trees
+from flexbt_tools.behaviors import UsedTrees, graph_of, machine_file, reasons, used_trees
 from flexbt_tools.cli import arguments, picture_output
 from flexbt_tools.errors import ExitCode
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from flexbt_tools.cli import run_command
 
-from . import check, draw, log, model, plan, prove, run, show, skills
+from . import check, draw, log, model, run, show, skills
 
 EXIT_CODES: Final = (
     ('0', 'nothing is wrong; the tree succeeded'),
@@ -31,9 +31,9 @@ COMMANDS: Final = (
     ('draw', draw, 'draw the trees of a file'),
     ('model', model, 'describe the node types that are known here, for editors'),
     ('skills', skills, 'show what leaves need and bring about, and check files of manifests'),
-    ('prove', prove, 'follow all that can happen to a tree, or in a model, and tell what is wrong'),
+    ('prove', None, 'follow all that can happen to a tree, or in a model, and tell what is wrong'),
     ('run', run, 'run a tree with mocks, and print what happens'),
-    ('plan', plan, 'plan a goal, and write a reactive tree that reaches it'),
+    ('plan', None, 'plan a goal, and write a reactive tree that reaches it'),
     ('log', log, 'print a log file (.btlog) of a run'),
 )
 

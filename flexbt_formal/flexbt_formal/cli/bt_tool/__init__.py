@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands ``prove`` and ``plan`` of ``bt_tool``."""

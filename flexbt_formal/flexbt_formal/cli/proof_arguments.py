@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Arguments of the commands that prove, and how they tell what they have found."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.nodes.nav2 import NAV2_BRANCHES
+from flexbt_core.monitors import RequirementError, Stated, parse_requirement, read_requirements
+from flexbt_core.values import one_line
+from flexbt_formal.exploration import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, Counterexample, Report
+from flexbt_formal.proofs.trees import (
+    Compared,
+    File,
+    ProofCache,
+    Replay,
+    comparison_as_json,
+    comparison_lines,
+    report_as_json,
+    report_lines,
+    saved_test,
+)
+from flexbt_tools.cli import arguments
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
+from flexbt_tools.text_files import read_text, write_text
+
+_MOST_BYTES: Final = 1_000_000
+
+
+def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
+    """``options.faults``, of which ``what`` says what they are."""
+    parser.add_argument(
+        '--faults', metavar='N', type=int, choices=range(4), default=1, help=f'{what}, 0 to 3 (default: 1)'
+    )
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``, ``options.draw``,
+    ``options.anew``, ``options.json``, ``options.quiet``."""
+    parser.add_argument(
+        '--seconds',
+        metavar='S',
+        type=arguments.positive,
+        default=DEFAULT_SECONDS,
+        help='end after so many seconds of processor time, and tell what was followed (default: %(default)g)',
+    )
+    parser.add_argument(
+        '--situations',
+        metavar='N',
+        type=_count,
+        default=DEFAULT_CONFIGURATIONS,
+        help='end with so many situations (default: %(default)d)',
+    )
+    parser.add_argument('--save-test', metavar='FILE', help='write what is wrong as a test for pytest')
+    parser.add_argument(
+        '--save-recording', metavar='FILE', help='write the ways to what is wrong as a recording, for console replay'
+    )
+    parser.add_argument(
+        '--draw',
+        metavar='FILE',
+        help='draw what is wrong as sequence diagrams, SVG or (.mmd) Mermaid: FILE, FILE-2 ...',
+    )
+    parser.add_argument('--anew', action='store_true', help='follow again what was followed to its end before')
+    parser.add_argument('--quiet', action='store_true', help='no progress')
+    arguments.add_json(parser)
+
+
+def proof_cache(options: argparse.Namespace) -> ProofCache | None:
+    """The proofs that need not be made again."""
+    return None if options.anew else ProofCache()
+
+
+def add_requirements(parser: argparse.ArgumentParser, what: str) -> None:
+    """``options.require`` of ``what`` is proved, ``options.requirements``."""
+    parser.add_argument(
+        '--require',
+        metavar='TEXT',
+        action='append',
+        default=[],
+        help=f'what the mission requires of the {what}, such as "never /Drive > failed"; repeatable',
+    )
+    parser.add_argument(
+        '--requirements', metavar='FILE', help='YAML file of what is required, by the names of behaviors and trees'
+    )
+
+
+def requirements(options: argparse.Namespace) -> tuple[list[Stated], dict[str, tuple[Stated, ...]]]:
+    """What is required of what is proved, and what the file requires by names. Raises UsageError and UnfitError."""
+    try:
+        own = [parse_requirement(text, '--require') for text in options.require]
+    except RequirementError as error:
+        raise UsageError(str(error)) from None
+    if options.requirements is None:
+        return own, {}
+    try:
+        return own, read_requirements(read_text(options.requirements, _MOST_BYTES), options.requirements)
+    except RequirementError as error:
+        raise UnfitError(str(error)) from None
+
+
+def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Collection[str]) -> None:
+    """Of names in the file nothing is proved here."""
+    unused = [name for name in named if name not in proved]
+    if unused:
+        print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
+
+
+def tell(options: argparse.Namespace, reports: Sequence[Report], compared: Sequence[Compared] = ()) -> ExitCode:
+    """Print what was found, and write the pictures and the recording that are wanted; the exit code."""
+    if options.json:
+        plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports]}
+        if compared:
+            plain['comparisons'] = [comparison_as_json(one) for one in compared]
+        print(json.dumps(plain))
+    else:
+        lines = [line for report in reports for line in report_lines(report)]
+        for line in [*lines, *(line for one in compared for line in comparison_lines(one))]:
+            print(one_line(line, 2000))
+    is_wrong = any(not report.holds for report in reports)
+    if is_wrong:
+        _save(options, reports)
+    if any(not (report.holds or report.is_dead_code) for report in reports) or any(not one.is_same for one in compared):
+        return ExitCode.NEGATIVE
+    if is_wrong:
+        return ExitCode.UNREACHABLE
+    followed = [report.is_complete for report in reports] + [one.comparison.is_complete for one in compared]
+    return ExitCode.OK if all(followed) else ExitCode.UNFINISHED
+
+
+def _save(options: argparse.Namespace, reports: Sequence[Report]) -> None:
+    from flexbt_formal.proofs.counterexamples import draw_counterexamples, record_counterexamples  # rarely needed
+
+    if options.draw is not None:
+        files = draw_counterexamples(options.draw, reports)
+        print(f'drawn in {", ".join(files)}', file=sys.stderr)
+    if options.save_recording is not None:
+        record_counterexamples(options.save_recording, reports)
+        print(f'the recording is in {options.save_recording}: console replay shows it', file=sys.stderr)
+
+
+def node_settings(options: argparse.Namespace) -> dict[str, Any]:
+    """What :func:`arguments.add_node_types` has told, for a saved test."""
+    is_usual = options.nav2_branch == NAV2_BRANCHES[0]
+    return {
+        'models': [File(file) for file in options.models],
+        'nav2_branch': '' if is_usual else options.nav2_branch,
+    }
+
+
+def save_test(options: argparse.Namespace, wrong: Iterable[tuple[Replay, Sequence[Counterexample]]]) -> None:
+    """Write a test file. Raises UsageError."""
+    write_text(options.save_test, saved_test(options.save_test, wrong))
+    print(f'the test is in {options.save_test}', file=sys.stderr)
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 0 < len(text) < 10 or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} is no whole number above 0')
+    return int(text)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A synthesis as a program, ``python3 -m flexbt_formal.requests.search``: the executive runs it for its operators.
+
+The request is a line of JSON on the standard input: ``system`` or ``capabilities``, and what SynthesizeBehavior has
+besides; ``directories`` of capability files, ``memory`` (bytes) and ``seconds`` are limits. On the standard output come
+lines of JSON: ``doing``, and in the end ``code`` with the machine, its notes, or why there is none. The program ends
+when the standard input does: then nobody wants the answer any more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from flexbt_common.errors import ResourceError
+from flexbt_common.runtime import resolve_file
+from flexbt_core.state_machine import MachineError, read_machine
+from flexbt_core.values import excerpt, hint, one_line
+from flexbt_formal.synthesis import SynthesisError, SynthesisTimeout, synthesize
+from flexbt_formal.synthesis.inputs import Liveness, Options, Request
+from flexbt_formal.synthesis.machines import SynthesizedMachine, machine_as_yaml, state_instantiations
+from flexbt_onboard.behaviors import state_modules, states_of
+from flexbt_onboard.errors import BrokenBehaviorError
+from flexbt_tools.errors import UsageError
+from flexbt_tools.text_files import read_text
+
+from .answer_text import explanation_lines
+from .files import MAX_BYTES, SynthesisFiles, read_problem
+from .state_interfaces import StateInterfaces
+
+_NICENESS: Final = 10
+_NEWS_SECONDS: Final = 0.5
+_SYSTEM: Final = re.compile(r'[\w-][\w.-]{0,254}')
+
+Tell = Callable[[Mapping[str, Any]], None]
+
+
+def main() -> int:
+    """Search for the answer to the one request; gives the exit code."""
+    asked = json.loads(sys.stdin.readline())
+    os.nice(_NICENESS)
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = asked['memory'] if hard == resource.RLIM_INFINITY else min(asked['memory'], hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
+    with _only_lines_of_json() as out:
+
+        def tell(told: Mapping[str, Any]) -> None:
+            out.write(json.dumps(told) + '\n')
+            out.flush()
+
+        threading.Thread(target=_end_with_input, daemon=True).start()
+        tell(searched(asked, tell))
+    return 0
+
+
+@contextmanager
+def _only_lines_of_json() -> Iterator[TextIO]:
+    """The standard output; what states print when they are made goes to the standard error."""
+    with os.fdopen(os.dup(1), 'w', encoding='utf-8') as out:
+        os.dup2(2, 1)
+        yield out
+
+
+def _end_with_input() -> None:
+    sys.stdin.read()
+    os._exit(1)
+
+
+def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    """The answer to a request, as it is told; ``tell`` gets what is being done."""
+    try:
+        return _answered(asked, tell)
+    except (SynthesisError, SynthesisTimeout, UsageError, ResourceError, BrokenBehaviorError) as error:
+        return {'code': 'wrong', 'message': str(error)}
+
+
+def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
+    directories = [Path(one).expanduser() for one in asked['directories']]
+    files = SynthesisFiles(
+        None,
+        specification=str(_file(asked['specification'], directories)) if asked['specification'] else None,
+        text=_capabilities(asked, directories),
+    )
+    request = Request(
+        initial_conditions=tuple(asked['initial_conditions']),
+        goals=tuple(asked['goals']),
+        outcomes=tuple(asked['outcomes']),
+        name=asked['name'],
+    )
+    how = Options(Liveness(asked['liveness']), asked['retries'])
+    modules = state_modules()
+    tell({'doing': 'the files are read'})
+    problem = read_problem(files, request, StateInterfaces(modules), how)
+    answer = synthesize(problem, _watch(asked['seconds'], tell))
+    if answer.machine is None:
+        assert answer.explanation is not None
+        return {
+            'code': 'unrealizable',
+            'message': f'no machine can do that: {answer.explanation.kind.value}',
+            'explanation': list(explanation_lines(answer.explanation)),
+        }
+    if asked['with_states']:
+        return {'code': 'made', 'states': state_instantiations(answer.machine)}
+    return {
+        'code': 'made',
+        'machine': _text(answer.machine, asked, modules),
+        'notes': [*answer.machine.notes, *_inputs(answer.machine)],
+    }
+
+
+def _inputs(machine: SynthesizedMachine) -> Iterator[str]:
+    for key in machine.keys:
+        yield f"the machine reads '{key}', which no state writes: start it with --input {key}=TYPE:VALUE"
+
+
+def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequence[str]) -> str:
+    """The machine, which has been made once, as the executive will."""
+    goals, system = ', '.join(asked['goals']), asked['system'] or 'capabilities that were sent'
+    text = f'# {one_line(goals or "its specification", 200)}, from {system}\n{machine_as_yaml(machine)}'
+    try:
+        read_machine(text, states_of(modules), asked['name'])
+    except MachineError as error:
+        raise SynthesisError(['there is a strategy, but the machine is not fit to run:', *error.problems]) from error
+    return text
+
+
+def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tuple[str, str]:
+    """Their text, and what it is called: where a demand stands is told by the name of the file alone."""
+    if not asked['system']:
+        return asked['capabilities'], 'capabilities'
+    file = _file(asked['system'], directories)
+    return read_text(str(file), MAX_BYTES), file.name
+
+
+def _file(name: str, directories: Sequence[Path]) -> Path:
+    """A file by the name of a system, or as ``package/path.yaml``. Raises ResourceError."""
+    if '/' in name:
+        return resolve_file(name, directories, 'capability_directories')
+    known = {file.stem: file for one in directories for file in sorted(one.glob('*.yaml'))}
+    if not _SYSTEM.fullmatch(name) or name not in known:
+        among = f'{hint(name, known)}; there are {", ".join(known)}' if known else ''
+        raise ResourceError(
+            excerpt(name),
+            f'no system in the capability_directories of the executive{among}; or name a file as package/path.yaml',
+        )
+    return known[name]
+
+
+def _watch(seconds: float, tell: Tell) -> Callable[[str], None]:
+    began = told = time.monotonic()
+
+    def watch(doing: str) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - began > seconds:
+            raise SynthesisTimeout(f'no answer within {seconds:g} s ({doing}); give it more time, or ask for less')
+        if now - told > _NEWS_SECONDS:
+            told = now
+            tell({'doing': doing})
+
+    return watch
+
+
+if __name__ == '__main__':
+    sys.exit(main())

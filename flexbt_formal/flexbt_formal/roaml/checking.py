@@ -1,0 +1,499 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The probability of a property of a model: exact, by a graph of all its states, or from random runs with a bound."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final, NamedTuple, Protocol
+
+from flexbt_formal.roaml.language import ManyValuesError
+
+from .graph import BAD, GOOD, Choices, reach
+from .model import Model
+from .paths import Order, Path
+from .properties import Property, judge_of
+from .random_runs import bounds_of, looks
+from .rounds import SATISFIED, EndlessError, Flow, Outcomes, OverError, Rounds
+from .system import NANOSECONDS, GlobalState, Step, one_of
+
+_CHAIN: Final = 2_000
+"""Steps without a choice that are made as one."""
+_REUSE: Final = 4
+"""How often a round has to come again, so that it pays to keep all that may follow in it."""
+_RUN: Final = 1_000_000
+"""Steps of a random run, after which it is undecided."""
+_ORDERS: Final = {Order.TURNS: 'taking turns', Order.RANDOM: 'in random order', Order.ANY: 'in any order'}
+_REPORTED: Final = 0.5
+"""Seconds between two reports of progress."""
+
+
+class Method(Enum):
+    AUTO = 'auto'
+    EXACT = 'exact'
+    STATISTICAL = 'statistical'
+
+
+@dataclass(frozen=True)
+class Limits:
+    """``seconds`` of processor time for one property, ``states`` of a graph.
+
+    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` that of its random numbers.
+    """
+
+    seconds: float = 60.0
+    states: int = 500_000
+    error: float = 0.015
+    confidence: float = 0.95
+    seed: int = 0
+
+    @property
+    def looks(self) -> dict[int, float]:
+        """After how many random runs it is looked whether they are enough, with which doubt; the most runs last."""
+        return looks(self.error, self.confidence)
+
+
+class CheckProgress(NamedTuple):
+    """``done`` states or runs; ``left`` of them that are known to be still to do."""
+
+    done: int
+    left: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """What was found of a property: its value is between ``low`` and ``high``.
+
+    ``how`` says in words by what method and how exactly. ``is_complete``: nothing was cut short. ``way``: when it can
+    fail, the shortest way that was met to where it has failed, in words. ``has_failed``: one was found.
+    """
+
+    asked: Property
+    value: float
+    low: float
+    high: float
+    how: str
+    is_complete: bool
+    is_exact: bool
+    size: int
+    seconds: float
+    way: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    has_failed: bool = False
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the value is what is demanded; None when that is not decided."""
+        if self.is_exact:
+            return self.asked.holds(self.value)
+        if self.asked.demand is None:
+            # One way to fail is enough; that there is none can only be told with the error that was asked.
+            return False if self.has_failed else True if self.value == 1.0 and self.is_complete else None
+        low, high = self.asked.holds(self.low), self.asked.holds(self.high)
+        return low if low == high else None
+
+
+def check(
+    model: Model,
+    asked: Property,
+    *,
+    order: Order = Order.TURNS,
+    method: Method = Method.AUTO,
+    limits: Limits | None = None,
+    on_progress: Callable[[CheckProgress], None] | None = None,
+) -> Result:
+    """The probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a method that
+    does not go with the model or the order."""
+    limits = limits or Limits()
+    if method is Method.EXACT and model.is_random:
+        raise ValueError(
+            'the model uses Math.random for real numbers, whose values are too many to follow: '
+            'take the method statistical'
+        )
+    if method is Method.STATISTICAL and order is Order.ANY:
+        raise ValueError('all orders can only be followed by the method exact; or take the order random')
+    begin = time.process_time()
+    generator = random.Random(limits.seed)
+    system, watched = model.system(asked, generator.random)
+    left, right = (judge_of(one, model.events, watched) for one in (asked.left, asked.right))
+    path = Path(system, left, right, asked, order)
+    tell = _Teller(on_progress, begin)
+    notes: list[str] = []
+    until = begin + limits.seconds
+    followed = 0
+    rounds = (
+        Rounds(path, limits.states) if order is not Order.ANY and not path.is_bounded and system.has_timers else None
+    )
+    if method is not Method.STATISTICAL and not model.is_random:
+        share = 1.0 if method is Method.EXACT or order is Order.ANY else 0.5
+        try:
+            if rounds is not None:
+                try:
+                    found = _flowed(path, rounds, begin, begin + limits.seconds * share, limits.states, tell)
+                except EndlessError:
+                    rounds = None
+                else:
+                    if found.is_complete or method is Method.EXACT:
+                        return found
+                    followed = found.size
+            if rounds is None:
+                explorer = _Explorer(path, begin + limits.seconds * share, limits.states, tell)
+                if explorer.run() or method is Method.EXACT or order is Order.ANY:
+                    return explorer.result(begin)
+            notes.append('there are too many states to follow all of them')
+        except ManyValuesError as error:
+            if method is Method.EXACT or order is Order.ANY:
+                raise
+            notes.append(str(error))
+            rounds = None
+    if rounds is not None and not rounds.is_cut and not model.is_random and followed > _REUSE * len(rounds):
+        try:
+            return _sampled(path, limits, begin, until, tell, notes, _RoundRuns(path, rounds, generator))
+        except (EndlessError, ManyValuesError):
+            generator.seed(limits.seed)
+    system.draws = True
+    return _sampled(path, limits, begin, until, tell, notes, _StepRuns(path, generator))
+
+
+def _flowed(path: Path, rounds: Rounds, begin: float, until: float, most: int, tell: _Teller) -> Result:
+    """Exact, time by time. Raises EndlessError."""
+    flow = Flow(rounds, path, lambda done, left: done <= 20 * most and len(rounds) <= most and tell(done, left) < until)
+    is_complete = flow.run()
+    asked = path.asked
+    low, high = flow.good, (flow.good if is_complete else 1.0 - flow.bad)
+    # What is left of 1 or 0 is the rounding of sums.
+    low, high = (round(value, 12) for value in (low, high))
+    if asked.is_negated:
+        low, high = 1.0 - high, 1.0 - low
+    seconds = time.process_time() - begin
+    how = f'exact: {flow.states} states, {len(rounds)} without their time, automata {_ORDERS[path.order]}'
+    if not is_complete:
+        how = f'bounds only: {flow.states} states were followed before the limit'
+    notes = (rounds.stuck,) if rounds.stuck else ()
+    way = flow.way() if high < 1.0 else ()
+    value = low if low == high or asked.is_least else high
+    return Result(
+        asked, value, low, high, how, is_complete, is_complete, flow.states, seconds, way, notes, flow.has_failed
+    )
+
+
+class _Teller:
+    def __init__(self, callback: Callable[[CheckProgress], None] | None, begin: float) -> None:
+        self._callback = callback
+        self._begin = begin
+        self._next = time.monotonic() + _REPORTED
+
+    def __call__(self, done: int, left: int) -> float:
+        """The processor time now; tells of the progress from time to time."""
+        now = time.process_time()
+        if self._callback is not None and time.monotonic() >= self._next:
+            self._next = time.monotonic() + _REPORTED
+            self._callback(CheckProgress(done, left, now - self._begin))
+        return now
+
+
+class _Explorer:
+    """The graph of what can follow, by breadth: states 0 and 1 are where the property has failed, or is satisfied."""
+
+    def __init__(self, path: Path, until: float, most: int, tell: _Teller) -> None:
+        self._path = path
+        self._until = until
+        self._most = most
+        self._tell = tell
+        self.graph: list[Choices] = [[], []]
+        self._numbers: dict[tuple[GlobalState, int], int] = {}
+        self._states: list[tuple[GlobalState, int] | None] = [None, None]
+        self._from: list[int] = [-1, -1]
+        self._fails: tuple[int, GlobalState, int] | None = None
+        self._stuck = ''
+        self._made = 0
+        self._is_late = False
+        self.is_complete = False
+
+    def run(self) -> bool:
+        """Whether all was followed."""
+        start: list[tuple[float, int]] = []
+        self._start = [start]
+        ahead: deque[int] = deque()
+        for probability, state in self._path.system.initial():
+            start.append((probability, self._reached(-1, state, 0, ahead)))
+        while ahead:
+            if self._is_over(len(ahead)) or len(self.graph) > self._most:
+                return False
+            number = ahead.popleft()
+            held = self._states[number]
+            assert held is not None
+            state, count = held
+            steps = self._path.steps(state)
+            rows = [
+                [
+                    (probability, self._reached(number, after, count + 1, ahead))
+                    for probability, after in self._path.system.follow(state, step)
+                ]
+                for step in steps
+            ]
+            if self._path.order is Order.RANDOM and rows:
+                rows = [[(probability / len(rows), after) for row in rows for probability, after in row]]
+            self.graph[number] = rows
+        self.is_complete = True
+        return True
+
+    def _is_over(self, left: int) -> bool:
+        """Whether the time is over, which is looked at after each 64 steps."""
+        self._made += 1
+        if self._made % 64 == 0:
+            self._is_late = self._tell(len(self.graph), left) >= self._until
+        return self._is_late
+
+    def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
+        """The number of the next state at which there is a choice."""
+        path = self._path
+        seen = None
+        for made in range(_CHAIN):
+            if state.seen is not seen or path.is_bounded:
+                seen = state.seen
+                decided = path.decided(state, count)
+                if decided is not None:
+                    return self._ended(source, state, count, decided)
+            steps = path.steps(state)
+            if not steps:
+                stuck = path.system.waiting(state)
+                self._stuck = self._stuck or stuck
+                return self._ended(source, state, count, path.at_end(state))
+            if len(steps) > 1:
+                break
+            if made and (state, count if path.is_bounded else 0) in self._numbers:
+                break
+            follow = path.system.follow(state, steps[0])
+            if len(follow) > 1:
+                break
+            state = follow[0][1]
+            count += 1
+            if self._is_over(len(ahead)):
+                break
+        bound = max(path.asked.lower, (path.asked.upper or 0) + 1)
+        count = min(count, bound) if path.is_bounded else 0
+        key = (state, count)
+        number = self._numbers.get(key)
+        if number is None:
+            number = self._numbers[key] = len(self.graph)
+            self.graph.append([])
+            self._states.append(key)
+            self._from.append(source)
+            ahead.append(number)
+        return number
+
+    def _ended(self, source: int, state: GlobalState, count: int, is_good: bool) -> int:
+        if is_good == self._path.asked.is_negated and self._fails is None:
+            self._fails = (source, state, count)
+        return GOOD if is_good else BAD
+
+    def result(self, begin: float) -> Result:
+        asked = self._path.asked
+        graph = [*self.graph, self._start]
+        least, most = self._values(graph, asked.is_least)
+        low, high = (1.0 - most, 1.0 - least) if asked.is_negated else (least, most)
+        seconds = time.process_time() - begin
+        notes = [self._stuck] if self._stuck else []
+        how = f'exact: {len(self.graph)} states, automata {_ORDERS[self._path.order]}'
+        if not self.is_complete:
+            how = f'bounds only: {len(self.graph)} states were followed before the limit'
+        way: tuple[str, ...] = ()
+        if high < 1.0 and self._fails is not None:
+            way = self._narrated(*self._fails)
+        elif high < 1.0:
+            way = ('it goes round without ever coming to where the property is satisfied',)
+        value = low if low == high or asked.is_least else high
+        failed, size = self._fails is not None, len(self.graph)
+        whole = self.is_complete
+        return Result(asked, value, low, high, how, whole, whole, size, seconds, way, tuple(notes), failed)
+
+    def _values(self, graph: list[Choices], is_least: bool) -> tuple[float, float]:
+        """The least and greatest value that the start can have: the same when all was followed."""
+        low = reach(graph, is_least)[-1]
+        if self.is_complete:
+            return low, low
+        opened = [*graph]
+        for number in range(2, len(graph)):
+            if not graph[number]:
+                opened[number] = [[(1.0, GOOD)]]
+        return low, reach(opened, is_least)[-1]
+
+    def _narrated(self, source: int, goal: GlobalState, count: int) -> tuple[str, ...]:
+        """The way to where it has failed, in words: from choice to choice, and the steps in between."""
+        numbers = []
+        while source >= 0:
+            numbers.append(source)
+            source = self._from[source]
+        states = [held for number in reversed(numbers) if (held := self._states[number]) is not None]
+        goals = [*states, (goal, count)]
+        found: list[str] = []
+        system = self._path.system
+        at = next(state for _, state in system.initial())
+        for one in (state for _, state in system.initial()):
+            if goals and self._leads(one, goals[0][0]) is not None:
+                at = one
+                break
+        for wanted, _ in goals:
+            between = self._leads(at, wanted)
+            for before, step, after in between or ():
+                found += system.narrate(before, step, after)
+            at = wanted
+        return tuple(found)
+
+    def _leads(self, state: GlobalState, goal: GlobalState) -> list[tuple[GlobalState, Step, GlobalState]] | None:
+        """The steps from a choice to the next one; None when it does not lead there."""
+        if state == goal:
+            return []
+        path = self._path
+        for step in path.steps(state):
+            for _, after in path.system.follow(state, step):
+                made = [(state, step, after)]
+                at = after
+                for _ in range(_CHAIN + 1):
+                    if at == goal:
+                        return made
+                    steps = path.steps(at)
+                    if len(steps) != 1:
+                        break
+                    follow = path.system.follow(at, steps[0])
+                    if len(follow) != 1:
+                        break
+                    made.append((at, steps[0], follow[0][1]))
+                    at = follow[0][1]
+        return None
+
+
+class _Runs(Protocol):
+    """Random runs. ``way`` tells of the one that was made last, in words."""
+
+    steps: int
+
+    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
+        """How a run ends; None: it was not decided in a million steps. Raises OverError."""
+
+    def way(self) -> tuple[str, ...]: ...
+
+
+def _sampled(
+    path: Path, limits: Limits, begin: float, until: float, tell: _Teller, notes: list[str], runs: _Runs
+) -> Result:
+    """Random runs until there are enough for the error that is asked, or the time is over."""
+    looks_at = limits.looks
+    wanted = max(looks_at)
+    doubt = looks_at[wanted]
+    good = undecided = done = 0
+    has_failed = is_enough = False
+    way: tuple[str, ...] = ()
+    shortest = _RUN
+    asked = path.asked
+    while done < wanted:
+        try:
+            outcome = runs.one(lambda: tell(done, wanted - done) < until)  # noqa: B023
+        except OverError:
+            break
+        done += 1
+        good += outcome is True
+        undecided += outcome is None
+        if outcome is asked.is_negated:
+            has_failed = True
+            if runs.steps < shortest:
+                shortest = runs.steps
+                way = runs.way()
+        if done in looks_at and bounds_of(good, undecided, done, looks_at[done]).error <= limits.error:
+            doubt, is_enough = looks_at[done], True
+            break
+    seconds = time.process_time() - begin
+    if undecided:
+        notes.append(f'{undecided} runs were not decided after {_RUN} steps')
+    found = Result(
+        asked, 0.0, 0.0, 1.0, 'not one run came to its end in time', False, False, done, seconds, way, tuple(notes)
+    )
+    if done == 0:
+        return found
+    bounds = bounds_of(good, undecided, done, doubt)
+    value, low, high = bounds
+    if asked.is_negated:
+        value, low, high = 1.0 - value, 1.0 - high, 1.0 - low
+    how = (
+        f'statistical: {done} random runs (seed {limits.seed}), within {bounds.error:.3f} with probability '
+        f'{limits.confidence:g}, automata {_ORDERS[path.order]}'
+    )
+    whole = is_enough or done >= wanted
+    return replace(found, value=value, low=low, high=high, how=how, is_complete=whole, has_failed=has_failed)
+
+
+class _RoundRuns:
+    """From round to round, each of which is played once."""
+
+    def __init__(self, path: Path, rounds: Rounds, generator: random.Random) -> None:
+        self._path = path
+        self._rounds = rounds
+        self._random = generator
+        self._made: list[tuple[int | None, int, int]] = []
+        self._times = list(path.system.times())
+        self.steps = 0
+
+    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
+        self._made = []
+        number = self._take(None, 0, self._rounds.first(may_go_on))
+        for count, at in enumerate(self._times):
+            if number < 0:
+                break
+            if count % 16 == 0 and not may_go_on():
+                raise OverError
+            number = self._take(number, at, self._rounds.after(number, at, may_go_on))
+        self.steps = len(self._made)
+        return (number if number < 0 else self._rounds.at_end(number)) == SATISFIED
+
+    def _take(self, number: int | None, at: int, outcomes: Outcomes) -> int:
+        after = one_of(outcomes, self._random.random)
+        self._made.append((number, at, after))
+        return after
+
+    def way(self) -> tuple[str, ...]:
+        found: list[str] = []
+        for one in self._made:
+            inner = [line for step in self._rounds.steps_to(*one) for line in self._path.system.narrate(*step)]
+            if one[1] and inner:
+                found.append(f'at {one[1] / NANOSECONDS:g} s')
+            found += inner
+        return tuple(found)
+
+
+class _StepRuns:
+    """From step to step."""
+
+    def __init__(self, path: Path, generator: random.Random) -> None:
+        self._path = path
+        self._random = generator
+        self._made: list[tuple[GlobalState, Step, GlobalState]] = []
+        self.steps = 0
+
+    def one(self, may_go_on: Callable[[], bool]) -> bool | None:
+        path, generator = self._path, self._random
+        state = one_of(path.system.initial(), generator.random)
+        self._made = []
+        for count in range(_RUN):
+            if count % 256 == 0 and not may_go_on():
+                raise OverError
+            self.steps = count
+            decided = path.decided(state, count)
+            if decided is not None:
+                return decided
+            steps = path.steps(state)
+            if not steps:
+                return path.at_end(state)
+            step = steps[0] if len(steps) == 1 else steps[int(generator.random() * len(steps))]
+            after = one_of(path.system.follow(state, step), generator.random)
+            self._made.append((state, step, after))
+            state = after
+        return None
+
+    def way(self) -> tuple[str, ...]:
+        return tuple(line for one in self._made for line in self._path.system.narrate(*one))

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A model as its main file describes it: ``<roaml>``, or ``<convince_mc_tc>`` in older ones."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from flexbt_core.behavior_tree import LoadError
+from flexbt_formal.roaml.language import (
+    SET,
+    TIMER,
+    Ascxml,
+    DataTypes,
+    Events,
+    ModelError,
+    Node,
+    bt_event,
+    ports_of,
+    read_xml,
+)
+
+from .handlers import handlers
+from .properties import Property, PropertyError, event_of, judge_of, read_properties
+from .system import Clocked, ModelSystem, period_of
+from .tree import TreePlayer, read_tree
+
+_UNITS: Final = {'s': 1_000_000_000, 'ms': 1_000_000, 'us': 1_000, 'ns': 1}
+_ROOTS: Final = ('roaml', 'convince_mc_tc')
+_CLOCK: Final = 'topic_clock_msg'
+_KINDS: Final = {
+    'behavior_tree': ('bt.cpp-xml', 'bt-plugin-ascxml', 'bt-plugin-ros-scxml'),
+    'node_models': ('node-ascxml', 'ros-scxml'),
+    'properties': ('jani',),
+    'data_declarations': ('xml', 'json'),
+}
+_SECTIONS: Final = ('parameters', 'mc_parameters', *_KINDS)
+
+
+def is_model(text: str) -> bool:
+    """Whether a document is the main file of such a model."""
+    match = re.match(r'\ufeff?(?:\s|<\?[^>]*>|<!--.*?-->)*<([\w.-]+)', text, re.DOTALL)
+    return match is not None and match.group(1) in _ROOTS
+
+
+class Model:
+    """What the files of a model say. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
+
+    def __init__(self, path: str) -> None:
+        """Reads all files. Raises TreeLoadError with file, line, what is wrong, and what to do."""
+        self.path = path
+        root = read_xml(path)
+        if root.tag not in _ROOTS:
+            root.fail('the main file of a model begins with <roaml>')
+        root.only(_SECTIONS)
+        self._folder = Path(path).parent
+        self._rate, self._keeps_ticking, self._end, most = 1.0, False, 0, 100
+        parameters = root.find('parameters') or root.find('mc_parameters')
+        if parameters is None:
+            root.fail('<parameters> are missing; they have at least <max_time value="100" unit="s"/>')
+        for one in parameters.children:
+            if one.tag == 'max_time':
+                unit = one.get('unit') or ''
+                if unit not in _UNITS:
+                    one.fail(f'the unit {unit!r} is not known; there are {", ".join(_UNITS)}', 'unit')
+                self._end = round(one.number('value', most=1e18) * _UNITS[unit])
+            elif one.tag == 'max_array_size':
+                most = int(one.number('value', most=10_000))
+            elif one.tag == 'bt_tick_rate':
+                self._rate = one.number('value')
+            elif one.tag == 'bt_tick_if_not_running':
+                if one.need('value').strip().lower() not in ('true', 'false'):
+                    one.fail('the value has to be true or false', 'value')
+                self._keeps_ticking = one.need('value').strip().lower() == 'true'
+            else:
+                one.fail(
+                    'this parameter is not known; there are max_time, max_array_size, bt_tick_rate and '
+                    'bt_tick_if_not_running'
+                )
+        if not self._end:
+            parameters.fail('<max_time value="100" unit="s"/> is missing')
+        self._types = DataTypes(most)
+        for one in self._inputs(root, 'data_declarations'):
+            self._types.read(one, self._file(one))
+        self.tree: TreePlayer | None = None
+        self.events = Events()
+        files = self._files(root)
+        self.is_random = any(file.is_random for file in files)
+        self.properties: list[Property] = []
+        for one in self._inputs(root, 'properties'):
+            self.properties += read_properties(self._file(one), one)
+        if not self.properties:
+            root.fail('there are no properties; add <properties><input type="jani" src="..."/></properties>')
+        for asked in self.properties:
+            self._watched(asked)
+
+    def _inputs(self, root: Node, section: str) -> list[Node]:
+        node = root.find(section)
+        if node is None:
+            return []
+        node.only(('input',))
+        for one in node.children:
+            if one.need('type') not in _KINDS[section]:
+                one.fail(
+                    f'the type {one.need("type")!r} is not known in <{section}>; there are '
+                    f'{", ".join(_KINDS[section])}',
+                    'type',
+                )
+        return list(node.children)
+
+    def _file(self, node: Node) -> str:
+        return os.path.normpath(self._folder / node.need('src'))
+
+    def _files(self, root: Node) -> list[Ascxml]:
+        """Reads the files of the automata; makes the tree."""
+        events, types = self.events, self._types
+        files = []
+        for one in self._inputs(root, 'node_models'):
+            files.append(Ascxml(read_xml(self._file(one), one), types, events))
+        self._plugins: list[Ascxml] = []
+        trees = [one for one in self._inputs(root, 'behavior_tree') if one.need('type') == 'bt.cpp-xml']
+        if len(trees) > 1:
+            trees[1].fail('a model has one file with its tree')
+        plugins: dict[str, Node] = {}
+        for one in self._inputs(root, 'behavior_tree'):
+            if one.need('type') != 'bt.cpp-xml':
+                document = read_xml(self._file(one), one)
+                if document.need('name') in plugins:
+                    document.fail('another plugin has the same name', 'name')
+                plugins[document.need('name')] = document
+        if trees:
+            ports = {name: ports_of(document, types) for name, document in plugins.items()}
+            self.tree = read_tree(self._file(trees[0]), trees[0], ports)
+            for instance in self.tree.instances:
+                self._plugins.append(Ascxml(plugins[self.tree.plugin(instance.uid)], types, events, instance))
+        elif plugins:
+            next(iter(plugins.values())).fail('there is a plugin, but no tree; add an <input type="bt.cpp-xml" .../>')
+        self._nodes = files
+        whole = [*files, *self._plugins]
+        names: set[str] = set()
+        for file in whole:
+            file.declare()
+            if file.name in names:
+                raise ModelError([LoadError(self.path, 1, 1, '', f'two automata have the name {file.name!r}')])
+            names.add(file.name)
+        self._handlers = handlers([one for file in whole for one in file.communications], events)
+        for handler in self._handlers:
+            handler.declare()
+        events.send(_CLOCK, ('ros_fields__sec', 'ros_fields__nanosec'))
+        if self.tree is not None:
+            for node in self.tree.nodes:
+                events.send(bt_event(node.uid, 'response'), ('status',))
+            for instance in self.tree.instances:
+                events.send(bt_event(instance.uid, 'tick'))
+                events.send(bt_event(instance.uid, 'halt'))
+                for child in instance.children:
+                    events.send(bt_event(child, 'response_told'), ('status',))
+                    events.send(bt_event(child, 'halt_response_told'))
+            for key in self.tree.keys:
+                events.send(SET + key, ('value',))
+        self._automata = [one for file in files for one in file.automata()]
+        self._of_tree = [one for file in self._plugins for one in file.automata()]
+        received = {event for automaton in self._of_tree for event in automaton.received}
+        for instance in self.tree.instances if self.tree is not None else ():
+            if self.tree is not None and events.number(bt_event(instance.uid, 'tick')) not in received:
+                plugins[self.tree.plugin(instance.uid)].fail('no state of this plugin has <bt_tick>: it never answers')
+        self._between = [handler.automaton() for handler in self._handlers]
+        return whole
+
+    def _watched(self, one: Property) -> list[int]:
+        """The events that a property speaks of. Raises ModelError."""
+        found: list[int] = []
+        try:
+            for name in one.names:
+                event = event_of(re.sub(r'\.d\d+_len$', '', name), self.events)[0]
+                number = self.events.find(event)
+                if number is None:
+                    raise PropertyError(f'there is no event {event!r} in this model')
+                if number not in found:
+                    found.append(number)
+            judge_of(one.left, self.events, found)
+            judge_of(one.right, self.events, found)
+        except PropertyError as error:
+            raise ModelError([LoadError(self.path, 1, 1, '', f'the property {one.name!r}: {error}')]) from error
+        return found
+
+    def system(self, one: Property, draw: Callable[[], float]) -> tuple[ModelSystem, list[int]]:
+        """The model, with what a property speaks of in view. ``draw`` gives numbers from 0 to below 1."""
+        watched = self._watched(one)
+        timers = _clocked(self._nodes, self.events)
+        if self.tree is not None:
+            timers.append(Clocked('the tick of the tree', period_of(self._rate), None))
+        timers += _clocked(self._plugins, self.events)
+        system = ModelSystem(
+            [*self._automata, *self._of_tree, *self._between],
+            self.tree,
+            timers,
+            self.events,
+            end=self._end,
+            keeps_ticking=self._keeps_ticking,
+            clock=self.events.number(_CLOCK),
+            watched=watched,
+            draw=draw,
+        )
+        return system, watched
+
+
+def _clocked(files: Sequence[Ascxml], events: Events) -> list[Clocked]:
+    return [
+        Clocked(timer.name, period_of(timer.rate), events.number(f'{TIMER}{file.name}.{timer.name}'))
+        for file in files
+        for timer in file.timers
+    ]

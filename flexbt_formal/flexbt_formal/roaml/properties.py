@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Properties in JANI: the least or greatest probability that a path satisfies F, G, U or W on what events carried.
+
+https://jani-spec.org. A name is ``EVENT.valid`` (whether it was ever sent), ``EVENT__PARAMETER`` (with
+``ros_fields__`` before the field of a message, and ``__`` before a member), or ``....d1_len``, the length of an array.
+Models of before 2025 write ``EVENT.PARAMETER``.
+What was never sent is 0.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from flexbt_core.behavior_tree import LoadError
+from flexbt_core.values import finite_number, load_json, shown
+from flexbt_formal.roaml.language import (
+    Array,
+    Call,
+    Evaluated,
+    Events,
+    Expression,
+    ExpressionError,
+    Literal,
+    ModelError,
+    Name,
+    Node,
+    Record,
+    compiled,
+    names_in,
+    read_text,
+)
+
+_OPERATORS: Final = {
+    '∧': '&&',
+    '&&': '&&',
+    'and': '&&',
+    '∨': '||',
+    '||': '||',
+    'or': '||',
+    '=': '==',
+    '==': '==',
+    '≠': '!=',
+    '!=': '!=',
+    '<': '<',
+    '≤': '<=',
+    '<=': '<=',
+    '>': '>',
+    '≥': '>=',
+    '>=': '>=',
+    '+': '+',
+    '-': '-',
+    '*': '*',
+    '/': '/',
+    '%': '%',
+    'min': 'min',
+    'max': 'max',
+    'pow': 'pow',
+}
+_UNARY: Final = {'¬': 'unary !', '!': 'unary !', 'not': 'unary !'} | {
+    name: name for name in ('abs', 'floor', 'ceil', 'sin', 'cos', 'log', 'exp', 'round')
+}
+_LENGTH: Final = re.compile(r'(.+)\.d(\d+)_len')
+
+
+class PropertyError(ValueError):
+    """A property that is not in the part of JANI that is known here."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """P(left U right), least or greatest over the orders; ``is_negated``: 1 minus that is asked, so the other extreme.
+
+    ``lower``, ``upper``: bounds on the steps after which ``right`` counts. ``demand``: what the probability is compared
+    with, if it is; otherwise the property holds when it is 1.
+    """
+
+    name: str
+    text: str
+    is_least: bool
+    left: Expression
+    right: Expression
+    is_negated: bool = False
+    lower: int = 0
+    upper: int | None = None
+    demand: tuple[str, float] | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """The names of JANI that it speaks of."""
+        return [parts[0] for one in (self.left, self.right) for parts in names_in(one)]
+
+    def holds(self, value: float, error: float = 1e-9) -> bool:
+        """Whether a probability is what is demanded."""
+        sign, wanted = self.demand or ('>=', 1.0)
+        if sign in ('>=', '>'):
+            return value >= wanted - error if sign == '>=' else value > wanted
+        return value <= wanted + error if sign == '<=' else value < wanted
+
+
+def read_properties(path: str, asked: Node | None) -> list[Property]:
+    """The properties of a file. Raises ModelError."""
+
+    def fail(message: str) -> ModelError:
+        return ModelError([LoadError(path, 1, 1, '', message)])
+
+    try:
+        document = load_json(read_text(path, asked))
+    except ValueError as error:
+        raise fail(f'it is no JSON: {error}') from error
+    rows = document.get('properties') if isinstance(document, dict) else None
+    if not isinstance(rows, list) or not rows:
+        raise fail('there is no list "properties" in it')
+    found: list[Property] = []
+    for row in rows:
+        name = row.get('name') if isinstance(row, dict) else None
+        if not isinstance(name, str) or any(name == one.name for one in found):
+            raise fail(f'a property has no name, or one that another has: {shown(name)}')
+        try:
+            found.append(_property(name, row.get('expression')))
+        except PropertyError as error:
+            raise fail(f'the property {name!r}: {error}') from error
+    return found
+
+
+def _property(name: str, given: Any) -> Property:
+    given = _mapping(given)
+    if given.get('op') == 'filter':
+        given = _mapping(given.get('values'))
+    demand = None
+    if given.get('op') in ('≥', '>=', '>', '≤', '<=', '<'):
+        wanted = given.get('right')
+        number = None if isinstance(wanted, str) else finite_number(wanted)
+        if number is None:
+            raise PropertyError('a probability is compared with a number on the right')
+        demand = (_OPERATORS[given['op']], number)
+        given = _mapping(given.get('left'))
+    extreme = given.get('op')
+    if extreme not in ('Pmin', 'Pmax'):
+        raise PropertyError(f'{shown(extreme)} is not known where a probability is asked; there are Pmin and Pmax')
+    path = _mapping(given.get('exp'))
+    lower, upper = _bounds(path)
+    operator = path.get('op')
+    is_least = extreme == 'Pmin'
+    true: Expression = Literal(True)
+    if operator == 'F':
+        right = _expression(path.get('exp'))
+        return Property(name, f'{extreme}(F {_text(right)})', is_least, true, right, False, lower, upper, demand)
+    if operator == 'G':
+        inner = _expression(path.get('exp'))
+        right = Call('unary !', (inner,))
+        return Property(name, f'{extreme}(G {_text(inner)})', not is_least, true, right, True, lower, upper, demand)
+    if operator not in ('U', 'W'):
+        raise PropertyError(f'{shown(operator)} is not known of a path; there are F, G, U and W')
+    left, right = _expression(path.get('left')), _expression(path.get('right'))
+    text = f'{extreme}({_text(left)} {operator} {_text(right)})'
+    if operator == 'U':
+        return Property(name, text, is_least, left, right, False, lower, upper, demand)
+    if 'step-bounds' in path:
+        raise PropertyError('W has no bounds here; write it with U')
+    # left W right is the contrary of: not right, until neither.
+    neither = Call('&&', (Call('unary !', (left,)), Call('unary !', (right,))))
+    return Property(name, text, not is_least, Call('unary !', (right,)), neither, True, 0, None, demand)
+
+
+def _bounds(path: Mapping[str, Any]) -> tuple[int, int | None]:
+    for other in ('time-bounds', 'reward-bounds'):
+        if other in path:
+            raise PropertyError(f'{other} are not known here; use step-bounds')
+    given = path.get('step-bounds')
+    if given is None:
+        return 0, None
+    found: list[int | None] = []
+    for key in ('lower', 'upper'):
+        value = _mapping(given).get(key)
+        if value is not None and (type(value) is not int or value < 0):
+            raise PropertyError(f'the {key} bound {value!r} is no whole number')
+        found.append(
+            None if value is None else value - bool(given.get(f'{key}-exclusive')) * (1 if key == 'upper' else -1)
+        )
+    return found[0] or 0, found[1]
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise PropertyError(f'{json.dumps(value)[:80]} where an object of JANI is needed')
+    return value
+
+
+def _expression(given: Any, depth: int = 0) -> Expression:
+    if depth > 60:
+        raise PropertyError('it is nested more than 60 deep')
+    if isinstance(given, bool | int | float):
+        if not isinstance(given, bool) and finite_number(given) is None:
+            raise PropertyError(f'{shown(given)} is no number')
+        return Literal(given)
+    if isinstance(given, str):
+        return Name((given,))
+    given = _mapping(given)
+
+    def inner(key: str) -> Expression:
+        if key not in given:
+            raise PropertyError(f'{key!r} is missing of the operator {operator!r}')
+        return _expression(given[key], depth + 1)
+
+    operator = given.get('op')
+    if operator in _OPERATORS:
+        return Call(_OPERATORS[operator], (inner('left'), inner('right')))
+    if operator in _UNARY:
+        return Call(_UNARY[operator], (inner('exp'),))
+    if operator in ('⇒', '=>'):
+        return Call('||', (Call('unary !', (inner('left'),)), inner('right')))
+    if operator == 'ite':
+        return Call('?', (inner('if'), inner('then'), inner('else')))
+    if operator == 'aa':
+        return Call('at', (inner('exp'), inner('index')))
+    if operator == 'av':
+        elements = given.get('elements')
+        if not isinstance(elements, list):
+            raise PropertyError('the elements of an array are missing')
+        return Array(tuple(_expression(one, depth + 1) for one in elements))
+    raise PropertyError(f'the operator {shown(operator)} is not known')
+
+
+def _text(expression: Expression) -> str:
+    """For people."""
+    if isinstance(expression, Name):
+        return expression.parts[0].replace('__ros_fields__', '.')
+    if isinstance(expression, Literal):
+        return str(expression.value)
+    if isinstance(expression, Array):
+        return f'[{", ".join(map(_text, expression.elements))}]'
+    if isinstance(expression, Call):
+        parts = [_text(one) for one in expression.operands]
+        if len(parts) == 1:
+            return f'{expression.name.removeprefix("unary ")}({parts[0]})'
+        if expression.name == 'at':
+            return f'{parts[0]}[{parts[1]}]'
+        return (
+            f'({f" {expression.name} ".join(parts)})' if len(parts) == 2 else f'{expression.name}({", ".join(parts)})'
+        )
+    return '{...}'
+
+
+# -- on the events of a model -----------------------------------------------------------------------------------------
+
+
+def event_of(name: str, events: Events) -> tuple[str, str]:
+    """The event and the rest of a name of JANI: ``valid``, or parameters. Raises PropertyError."""
+    if name.endswith('.valid'):
+        return name.removesuffix('.valid'), 'valid'
+    best, rest = '', ''
+    for one in events.names:
+        for separator in ('__', '.'):
+            if name.startswith(one + separator) and len(one) > len(best):
+                best, rest = one, name.removeprefix(one + separator)
+    if not best:
+        raise PropertyError(f'{name!r} is no parameter of an event of this model')
+    return best, rest
+
+
+Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]
+"""Whether an expression is true of what was seen of the watched events."""
+
+
+def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> Judge:
+    """Raises PropertyError for a name that means nothing in the model."""
+
+    def resolve(parts: tuple[str, ...]) -> str:
+        name = parts[0]
+        length = _LENGTH.fullmatch(name)
+        base = name if length is None else length.group(1)
+        event, rest = event_of(base, events)
+        number = events.find(event)
+        if number is None:
+            raise ExpressionError(f'there is no event {event!r} in this model')
+        place = watched.index(number)
+        if rest == 'valid':
+            return f'(d[{place}] is not None)'
+        path = _parameter(events.parameters[number], rest)
+        if path is None:
+            known = ', '.join(events.parameters[number]) or 'nothing'
+            raise ExpressionError(f'{name!r} is not there: {event} carries {known}')
+        at, members = path
+        found = f'e(d[{place}], {at}, {members!r})'
+        return f'b({found})' if length is not None else found
+
+    try:
+        function = compiled(_reads(expression), resolve)
+    except ExpressionError as error:
+        raise PropertyError(str(error)) from error
+    return _Judged(function)
+
+
+class _Judged:
+    def __init__(self, function: Evaluated) -> None:
+        self._function = function
+
+    def __call__(self, seen: Sequence[tuple[Any, ...] | None]) -> bool:
+        return bool(self._function(seen, _carried, _length))
+
+
+def _carried(values: tuple[Any, ...] | None, at: int, members: tuple[str, ...]) -> Any:
+    if values is None:
+        return 0
+    value = values[at]
+    for name in members:
+        value = value.get(name) if isinstance(value, Record) else tuple(one.get(name) for one in value)
+    return value
+
+
+def _length(value: Any) -> int:
+    return len(value) if isinstance(value, tuple | str) else 0
+
+
+def _parameter(names: Sequence[str], rest: str) -> tuple[int, tuple[str, ...]] | None:
+    """The place of a parameter, and the members behind it."""
+    for at, name in enumerate(names):
+        if name == rest:
+            return at, ()
+    for at, name in enumerate(names):
+        if rest.startswith(f'{name}__'):
+            return at, tuple(rest[len(name) + 2 :].split('__'))
+    return None
+
+
+def _reads(expression: Expression) -> Expression:
+    """Elements behind the end of an array are 0 in JANI, whose arrays all have their full length."""
+    if isinstance(expression, Call):
+        name = 'element or 0' if expression.name == 'at' else expression.name
+        return Call(name, tuple(map(_reads, expression.operands)))
+    if isinstance(expression, Array):
+        return Array(tuple(map(_reads, expression.elements)))
+    return expression

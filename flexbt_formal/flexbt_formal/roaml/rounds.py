@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rounds: all that follows when timers are due, up to when time has to go on.
+
+What follows does not depend on when that is, so a round is played once for each state and each set of timers. Through
+time a model is then a chain of rounds, whose probabilities are added up time by time.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from functools import partial
+from typing import Final, NamedTuple
+
+from flexbt_formal.roaml.language import ManyValuesError
+
+from .paths import Path
+from .system import GlobalState, Step
+
+SATISFIED: Final = -1
+FAILED: Final = -2
+_STEPS: Final = 4_000
+"""Steps in one round, after which the model is followed in another way."""
+_BETWEEN_QUESTIONS: Final = 1_000
+"""Steps in rounds, after which it is asked whether they may go on."""
+
+Outcomes = list[tuple[float, int]]
+"""Probabilities, and numbers of states, SATISFIED or FAILED."""
+Made = tuple[GlobalState, Step, GlobalState]
+
+
+class EndlessError(Exception):
+    """A round that does not come to its end, or depends on the time."""
+
+
+class OverError(Exception):
+    """Time was over."""
+
+
+class Layer(NamedTuple):
+    """The states at one time, and for each the place of one that led to it in the layer before."""
+
+    states: array[int]
+    parents: array[int]
+
+
+class Rounds:
+    """The states at which time goes on, by numbers, and the rounds between them.
+
+    ``most``: so many states of one round are followed side by side. Attributes: ``stuck``, why time cannot go on;
+    ``is_cut``, whether the time was over in a round that had taken most of it.
+    """
+
+    def __init__(self, path: Path, most: int) -> None:
+        self._path = path
+        self._most = most
+        self._made = 0
+        self._question = _BETWEEN_QUESTIONS
+        self._states: list[GlobalState] = []
+        self._numbers: dict[GlobalState, int] = {}
+        self._known: dict[tuple[int, tuple[int, ...]], Outcomes] = {}
+        self.stuck = ''
+        self.is_cut = False
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def first(self, may_go_on: Callable[[], bool]) -> Outcomes:
+        """What follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
+        return self._played(dict(_merged(self._path.system.initial())), may_go_on)
+
+    def after(self, number: int, time: int, may_go_on: Callable[[], bool]) -> Outcomes:
+        """What follows from a state when time has gone on to ``time``, in ns.
+
+        Raises EndlessError, ManyValuesError and OverError."""
+        key = (number, self._path.system.due_at(time))
+        found = self._known.get(key)
+        if found is None:
+            found = self._known[key] = self._played({self._begun(number, time): 1.0}, may_go_on)
+            if not self._path.system.is_timeless:
+                raise EndlessError
+        return found
+
+    def at_end(self, number: int) -> int:
+        """SATISFIED or FAILED, when time is over."""
+        return SATISFIED if self._path.at_end(self._states[number]) else FAILED
+
+    def _begun(self, number: int, time: int) -> GlobalState:
+        return self._states[number]._replace(time=time, due=0)
+
+    def _played(self, ahead: dict[GlobalState, float], may_go_on: Callable[[], bool]) -> Outcomes:
+        found: dict[int, float] = {}
+        before = self._made
+        for _ in range(_STEPS):
+            then: dict[GlobalState, float] = {}
+            for state, whole in ahead.items():
+                outcome, steps = self._decided(state)
+                if outcome is not None:
+                    found[outcome] = found.get(outcome, 0.0) + whole
+                    continue
+                for step in steps:
+                    followers = self._path.system.follow(state, step)
+                    for part, after in followers:
+                        probability = whole * part / len(steps)
+                        then[after] = then.get(after, 0.0) + probability
+                    if len(then) > self._most:
+                        raise ManyValuesError(
+                            f'more than {self._most} states side by side at one time are too many to follow each'
+                        )
+                    self._made += len(followers)
+                    if self._made >= self._question:
+                        self._question = self._made + _BETWEEN_QUESTIONS
+                        if not may_go_on():
+                            self.is_cut = self._made - before > before
+                            raise OverError
+            if not then:
+                return [(probability, number) for number, probability in found.items()]
+            ahead = then
+        raise EndlessError
+
+    def _decided(self, state: GlobalState) -> tuple[int | None, list[Step]]:
+        """Where a step leads to at last, when that is known; otherwise what can follow."""
+        path = self._path
+        decided = path.decided(state, 0)
+        if decided is not None:
+            return (SATISFIED if decided else FAILED), []
+        steps = path.steps(state)
+        if steps and steps[0].kind != 'time':
+            return None, steps
+        if not steps and path.system.is_blocked(state):
+            self.stuck = self.stuck or path.system.waiting(state)
+            return (SATISFIED if path.at_end(state) else FAILED), []
+        rest = GlobalState(0, -1, state.locals, (), state.tree, state.seen, 0)
+        number = self._numbers.get(rest)
+        if number is None:
+            number = self._numbers[rest] = len(self._states)
+            self._states.append(rest)
+        return number, []
+
+    def steps_to(self, number: int | None, time: int, goal: int) -> list[Made]:
+        """The steps of the shortest way through one round to where it leads; ``number`` None: from the beginning."""
+        path = self._path
+        begins = [state for _, state in path.system.initial()] if number is None else [self._begun(number, time)]
+        come: dict[GlobalState, Made | None] = dict.fromkeys(begins)
+        ahead = list(begins)
+        for state in ahead:
+            outcome, steps = self._decided(state)
+            if outcome == goal:
+                made: list[Made] = []
+                one = come[state]
+                while one is not None:
+                    made.append(one)
+                    one = come[one[0]]
+                return made[::-1]
+            for step in steps:
+                for _, after in path.system.follow(state, step):
+                    if after not in come:
+                        come[after] = (state, step, after)
+                        ahead.append(after)
+        return []
+
+
+def _merged(followers: list[tuple[float, GlobalState]]) -> list[tuple[GlobalState, float]]:
+    found: dict[GlobalState, float] = {}
+    for probability, state in followers:
+        found[state] = found.get(state, 0.0) + probability
+    return list(found.items())
+
+
+class Flow:
+    """Probability that flows through time, round by round. Attributes: ``good`` and ``bad``, what has come there."""
+
+    def __init__(self, rounds: Rounds, path: Path, may_go_on: Callable[[int, int], bool]) -> None:
+        self._rounds = rounds
+        self._path = path
+        self._may_go_on = may_go_on
+        self._layers: list[Layer] = []
+        self._times: list[int] = []
+        self._fails: tuple[int, int] | None = None
+        self.good = self.bad = 0.0
+        self.states = 0
+
+    def run(self) -> bool:
+        """Whether all was followed. Raises EndlessError and ManyValuesError."""
+        try:
+            return self._run()
+        except OverError:
+            return False
+
+    def _run(self) -> bool:
+        now: dict[int, float] = {}
+        for probability, number in self._rounds.first(lambda: self._may_go_on(0, 1)):
+            self._add(now, number, probability, 0)
+        self._layers.append(Layer(array('l', now), array('l', [0] * len(now))))
+        self._times.append(0)
+        for time in self._path.system.times():
+            if not now:
+                break
+            then: dict[int, float] = {}
+            parents = array('l')
+            for place, (number, whole) in enumerate(now.items()):
+                left = len(now) - place
+                if place % 256 == 0 and not self._may_go_on(self.states, left):
+                    return False
+                may_go_on = partial(self._may_go_on, self.states, left)
+                for part, after in self._rounds.after(number, time, may_go_on):
+                    if self._add(then, after, whole * part, place):
+                        parents.append(place)
+            self._layers.append(Layer(array('l', then), parents))
+            self._times.append(time)
+            now = then
+        for place, (number, whole) in enumerate(now.items()):
+            self._add({}, self._rounds.at_end(number), whole, place)
+        return True
+
+    def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
+        """Whether it is new at this time."""
+        if number < 0:
+            if number == SATISFIED:
+                self.good += probability
+            else:
+                self.bad += probability
+            wanted = SATISFIED if self._path.asked.is_negated else FAILED
+            if number == wanted and self._fails is None:
+                self._fails = (len(self._layers), place)
+            return False
+        known = now.get(number)
+        now[number] = probability if known is None else known + probability
+        self.states += known is None
+        return known is None
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the property fails on a way."""
+        return self._fails is not None
+
+    def way(self) -> tuple[str, ...]:
+        """The way to where the property has failed first, in words."""
+        if self._fails is None:
+            return ()
+        layer, place = self._fails
+        goal = SATISFIED if self._path.asked.is_negated else FAILED
+        made: list[list[Made]] = []
+        while layer > 0:
+            before = self._layers[layer - 1]
+            number = before.states[place]
+            if layer < len(self._layers):
+                made.append(self._rounds.steps_to(number, self._times[layer], goal))
+            goal = number
+            place = before.parents[place]
+            layer -= 1
+        made.append(self._rounds.steps_to(None, 0, goal))
+        lines: list[str] = []
+        for time, steps in zip(self._times, reversed(made), strict=False):
+            inner = [line for one in steps for line in self._path.system.narrate(*one)]
+            if time and inner:
+                lines.append(f'at {time / 1e9:g} s')
+            lines += inner
+        return tuple(lines)

@@ -1,0 +1,549 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The behavior tree of a model: FlexBT's own engine and nodes, whose plugins are automata that answer later.
+
+A tick is played until a plugin is ticked or halted whose answer is not known yet; when it comes the tick is played
+again from its beginning, with all answers up to then. What was played once is remembered, so that a tree becomes a
+table: from a situation, by an answer, to the next one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.behavior_tree import (
+    BehaviorTreeError,
+    Blackboard,
+    Entry,
+    LoadError,
+    NodeExecutionError,
+    NodeKind,
+    NodeRegistry,
+    NodeStatus,
+    PortType,
+    RegistrationError,
+    Tree,
+    TreeLibrary,
+    TreeNode,
+    builtin_registry,
+    inout_port,
+    input_port,
+    load_xml,
+)
+from flexbt_core.behavior_tree.engine import ControlNode, LeafNode, NodeConfig, halt_child
+from flexbt_core.behavior_tree.model import BOOL, DOUBLE, EMPTY, IDLE, INT64, RUNNING, STRING, Source
+from flexbt_core.behavior_tree.xml import Element, parse
+from flexbt_formal.exploration import TREE_LAYOUT, Configuration, Memory, VirtualClock
+from flexbt_formal.roaml.language import (
+    SET,
+    DataType,
+    DataTypeError,
+    Events,
+    Instance,
+    ModelError,
+    ModelFault,
+    bt_event,
+    is_pointer,
+    read_text,
+)
+
+_STATUS: Final = {NodeStatus.SUCCESS: 1, NodeStatus.FAILURE: 2, NodeStatus.RUNNING: 3}
+_FROM_STATUS: Final = {number: status for status, number in _STATUS.items()}
+
+_OLD: Final = re.compile(
+    r'\b(success_threshold|failure_threshold|BlackboardCheck\w+|RetryUntilSuccesful|SequenceStar)\b'
+)
+_FORMAT: Final = re.compile(r'(BTCPP_format\s*=\s*["\'])4(["\'])')
+_MISMATCH: Final = re.compile(r'(return_on_mismatch\s*=\s*["\'])([123])(["\'])')
+
+_SET_BLACKBOARD: Final = re.compile(r'<[^<>]*\bSetBlackboard\b[^<>]*>')
+_KEY: Final = re.compile(r'(output_key\s*=\s*["\'])\s*\{([^{}]*)\}\s*(["\'])')
+
+_PORT_TYPES: Final[Mapping[type[Any], PortType]] = {bool: BOOL, float: DOUBLE, int: INT64, str: STRING}
+
+Ports = Mapping[str, tuple[bool, DataType]]
+"""Whether a port is an output, and its type."""
+
+
+class Answer(NamedTuple):
+    """``kind``: response or halt_response of a plugin, tick or halt of its child, or write, to a ``port``."""
+
+    kind: str
+    uid: int
+    value: Any = None
+    port: str = ''
+
+
+class _Suspended(BaseException):
+    """A plugin's answer is not known yet."""
+
+
+class Conversation:
+    """What the plugins of a tick are told, and answer."""
+
+    def __init__(self) -> None:
+        self.answers: Iterator[Answer] = iter(())
+        self.pending: tuple[int, str, tuple[Any, ...]] | None = None
+        self.seen: list[tuple[int, tuple[Any, ...]]] = []
+
+    def tell(self, node: TreeNode, uid: int, what: str, values: tuple[Any, ...] = ()) -> Answer:
+        """What ``node`` answers when the event ``what`` of the node ``uid`` is sent. Raises _Suspended."""
+        if self.pending is None:
+            for answer in self.answers:
+                if answer.kind != 'write':
+                    return answer
+                node.context.services.apply(answer)
+            self.pending = (node.uid, bt_event(uid, what), values)
+        raise _Suspended
+
+
+class _Services:
+    """What the nodes of the tree reach of the player."""
+
+    def __init__(self, conversation: Conversation) -> None:
+        self.conversation = conversation
+        self.nodes: dict[int, TreeNode] = {}
+
+    def apply(self, answer: Answer) -> None:
+        self.nodes[answer.uid].set_output(answer.port, answer.value)
+
+
+class _Plugin(TreeNode):
+    """A node that is an automaton. It is told of a halt whenever its parent sets it back, also when it is not RUNNING.
+
+    AS2FM's controls do so; in BehaviorTree.CPP nothing is to be halted then, so nobody is told.
+    """
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._is_told = False
+
+    def execute(self) -> NodeStatus:
+        self._is_told = False
+        status = self.tell('tick')
+        self.status = status
+        return status
+
+    def halt(self) -> None:
+        if self.status is RUNNING:
+            self.tell('halt')
+            super().store_status(IDLE)
+            # Its parent sets it to IDLE once more.
+            self._is_told = True
+
+    def store_status(self, status: NodeStatus) -> None:
+        if status is IDLE and self.uid != 1 and not self._is_told:
+            self.tell('halt')
+        self._is_told = False
+        super().store_status(status)
+
+    def tell(self, what: str) -> NodeStatus:
+        conversation: Conversation = self.services.conversation
+        answer = conversation.tell(self, self.uid, what)
+        while answer.kind in ('tick', 'halt'):
+            answer = conversation.tell(self, *self.serve(answer))
+        return _FROM_STATUS.get(answer.value, NodeStatus.FAILURE)
+
+    def serve(self, answer: Answer) -> tuple[int, str, tuple[Any, ...]]:
+        """Tick or halt a child, as the plugin asks; the event with what that gave."""
+        assert isinstance(self, ControlNode)
+        (child,) = (one for one in self.children if one.uid == answer.uid)
+        if answer.kind == 'tick':
+            status = self._ticks[self.children.index(child)]()
+            return answer.uid, 'response_told', (_STATUS.get(status, 2),)
+        halt_child(child)
+        return answer.uid, 'halt_response_told', ()
+
+
+class PluginLeaf(_Plugin, LeafNode):
+    """A leaf that is an automaton."""
+
+    goes_on = ''
+
+
+class PluginControl(_Plugin, ControlNode):
+    """A node with children that is an automaton, which ticks and halts them itself."""
+
+    running_at_completion = None
+    runs_several = True
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Where a tree is. ``pending``: the event that a plugin is sent now, and who that is; None between ticks.
+
+    ``accepts`` are the events that go on from here, ``inputs`` what the ports of plugins read that point to the
+    blackboard, ``status`` what the last tick gave (0: there was none).
+    """
+
+    base: Configuration
+    time: float
+    answers: tuple[Answer, ...]
+    pending: tuple[int, int, tuple[Any, ...]] | None
+    accepts: Mapping[int, Answer]
+    inputs: Mapping[int, Mapping[str, Any]]
+    status: int
+    seen: int = 0
+    at_blackboard: Mapping[str, int] = field(default_factory=dict)
+
+
+Seen = tuple[tuple[int, tuple[Any, ...]], ...]
+"""Events that nobody has to receive, as they happened: results of nodes, and values on the blackboard."""
+
+
+class TreePlayer:
+    """The tree of a model as a table of situations, which have numbers. Situation 0 is before the first tick."""
+
+    def __init__(self, path: str, text: str, plugins: Mapping[str, Ports]) -> None:
+        """Raises TreeLoadError."""
+        self._types = plugins
+        self._clock = _Clock()
+        self._conversation = Conversation()
+        self._services = _Services(self._conversation)
+        library = _library(path, text, plugins)
+        document = library.documents[path]
+        if document.main is None:
+            message = 'there are several trees, and none is the main one; add main_tree_to_execute'
+            raise ModelError([LoadError(path, 1, 1, '<root>', message)])
+        self.name = re.sub(r'.*/|\.xml$', '', path)
+        self._tree = Tree(
+            library,
+            document.main,
+            file=path,
+            blackboard=Blackboard(),
+            clock=self._clock,
+            services=self._services,
+        )
+        # The statuses of an observed tree are stored by calls, which tell plugins that they were set back.
+        self._tree.observe(lambda node, before, after: None)
+        self.nodes = self._tree.nodes
+        self._services.nodes = {node.uid: node for node in self.nodes}
+        self.instances = [
+            Instance(
+                node.uid,
+                node.name,
+                {port: given for port in node.ports if (given := node.port_text(port)) is not None},
+                tuple(child.uid for child in node.attached),
+            )
+            for node in self.nodes
+            if isinstance(node, _Plugin)
+        ]
+        self._inputs = [
+            (node, port, plugins[node.id][port][1])
+            for node in self.nodes
+            if isinstance(node, _Plugin)
+            for port in node.ports
+            if is_pointer(node.port_text(port) or '')
+        ]
+        self._events = Events()
+        self._situations: list[Situation] = []
+        self._numbers: dict[Any, int] = {}
+        self._steps: dict[Any, tuple[int, Seen]] = {}
+        self._watched: dict[str, int] = {}
+        self._initial: Configuration | None = None
+        self._memory: Memory
+        self._entries: list[tuple[TreeNode, str, DataType, Entry]] = []
+
+    @property
+    def keys(self) -> list[str]:
+        """The entries of the blackboard that nodes name."""
+        found = [node.port_key(port) for node in self.nodes for port in node.ports]
+        found += [node.port_text('output_key') for node in self.nodes if node.id == 'SetBlackboard']
+        return sorted({key for key in found if key})
+
+    def plugin(self, uid: int) -> str:
+        """The type of a node."""
+        return self._services.nodes[uid].id
+
+    def path(self, uid: int) -> str:
+        """A node as people name it."""
+        return self._services.nodes[uid].path
+
+    def begin(self, events: Events, watched: Sequence[int]) -> int:
+        """Make everything ready for the first tick; ``watched`` are the events that properties speak of."""
+        self._events = events
+        if self._initial is not None:
+            self._memory.restore(self._initial)
+            self._tree.callbacks.clear()
+            self._situations, self._numbers, self._steps = [], {}, {}
+        plugins = {node.uid for node in self.nodes if isinstance(node, _Plugin)}
+        for node in self.nodes:
+            event = events.number(bt_event(node.uid, 'response'))
+            if event in watched and node.uid not in plugins:
+                self._watch(node, event)
+        names = {number: events.names[number] for number in watched}
+        self._watched = {name.removeprefix(SET): number for number, name in names.items() if name.startswith(SET)}
+        # Now, since what is kept of a tree has the callables by which it is ticked.
+        self._tree.fetch_ticks()
+        board = self._tree.blackboard
+        for node in self.nodes:
+            if not isinstance(node, _Plugin):
+                continue
+            for port, (_, kind) in self._types[node.id].items():
+                key = node.port_key(port)
+                if key is not None:
+                    self._give(node.blackboard, key, kind)
+        whole = DataType('int32', int)
+        for key in sorted({*_script_keys(self._tree), *_set_keys(self._tree), *self._watched}):
+            self._give(board, key, whole)
+        self._entries = [
+            (node, port, kind, entry)
+            for node, port, kind in self._inputs
+            if (entry := node.blackboard.entry(node.port_key(port) or '')) is not None
+        ]
+        if self._initial is not None:
+            return self._at_rest(0.0, 0)
+        self._memory = Memory(
+            (
+                self._tree,
+                *self.nodes,
+                *(subtree.blackboard for subtree in self._tree.subtrees),
+                *(entry for subtree in self._tree.subtrees for entry in subtree.blackboard.entries().values()),
+                self._tree.context,
+                self._clock,
+            ),
+            _Zero(),
+            TREE_LAYOUT,
+            (type(self),),
+        )
+        number = self._at_rest(0.0, 0)
+        self._initial = self._situations[number].base
+        return number
+
+    @staticmethod
+    def _give(board: Blackboard, key: str, kind: DataType) -> None:
+        """An entry of a type, which is zero before it is set."""
+        entry = board.entry(key)
+        if entry is None:
+            entry = board.declare(key, _PORT_TYPES.get(kind.plain) if kind.plain is not None else None)
+        if entry.value is EMPTY:
+            entry.write(kind.zero)
+
+    def _watch(self, node: TreeNode, number: int) -> None:
+        def note(node: TreeNode, status: NodeStatus) -> NodeStatus:
+            if status in _STATUS:
+                self._conversation.seen.append((number, (_STATUS[status],)))
+            return status
+
+        self._tree.callbacks.set_post_tick(node, note)
+
+    @property
+    def asks_time(self) -> bool:
+        """Whether a node has ever asked what time it is."""
+        return self._clock.was_asked
+
+    def __getitem__(self, number: int) -> Situation:
+        return self._situations[number]
+
+    # -- steps -------------------------------------------------------------------------------------------------------
+
+    def tick(self, number: int, time: float) -> tuple[int, Seen]:
+        """Begin a tick at a time in seconds, between ticks. Raises ModelFault."""
+        situation = self._situations[number]
+        step = (number, time if self._clock.was_asked else None)
+        if step not in self._steps:
+            result = self._play(situation.base, time, (), situation.at_blackboard, 0)
+            step = (number, time if self._clock.was_asked else None)
+            self._steps[step] = result
+        return self._steps[step]
+
+    def answer(self, number: int, answer: Answer) -> tuple[int, Seen]:
+        """Go on with a tick. Raises ModelFault."""
+        step = (number, answer)
+        if step not in self._steps:
+            now = self._situations[number]
+            self._steps[step] = self._play(now.base, now.time, (*now.answers, answer), now.at_blackboard, now.seen)
+        return self._steps[step]
+
+    def write(self, number: int, uid: int, port: str, value: Any) -> tuple[int, Seen]:
+        """A plugin sets an output. Raises ModelFault."""
+        answer = Answer('write', uid, value, port)
+        now = self._situations[number]
+        seen: Seen = ()
+        watched = self._watched.get(self._services.nodes[uid].port_key(port) or '')
+        if watched is not None:
+            seen = ((watched, (value,)),)
+        if now.pending is not None:
+            after, other = self.answer(number, answer)
+            return after, seen + tuple(one for one in other if one[0] != watched)
+        step = (number, answer)
+        if step not in self._steps:
+            self._restore(now.base, now.time)
+            try:
+                self._services.apply(answer)
+            except BehaviorTreeError as error:
+                raise ModelFault(str(error)) from error
+            self._steps[step] = self._at_rest(now.time, now.status), ()
+        return self._steps[step][0], seen
+
+    def _restore(self, base: Configuration, time: float) -> None:
+        self._memory.restore(base)
+        self._clock.time = time  # type: ignore[assignment]
+        self._conversation.pending = None
+        self._conversation.seen = []
+
+    def _play(
+        self, base: Configuration, time: float, answers: tuple[Answer, ...], before: Mapping[str, int], known: int
+    ) -> tuple[int, Seen]:
+        self._restore(base, time)
+        conversation = self._conversation
+        conversation.answers = iter(answers)
+        tree = self._tree
+        status = 0
+        try:
+            tree.take_wake()
+            status = _STATUS.get(tree.tick_once(), 2)
+        except _Suspended:
+            pass
+        except (NodeExecutionError, BehaviorTreeError) as error:
+            if conversation.pending is None:
+                raise ModelFault(f'the tree: {error}') from error
+        pending = conversation.pending
+        seen = conversation.seen[known:]
+        changed = self._at_blackboard()
+        seen += [(self._watched[key], (self._value_of(key),)) for key in changed if changed[key] != before.get(key)]
+        if pending is None:
+            for answer in conversation.answers:  # what was written while nobody waited any more
+                self._services.apply(answer)
+            return self._at_rest(time, status), tuple(seen)
+        uid, event, values = pending
+        node = self._services.nodes[uid]
+        accepts = {
+            self._events.number(bt_event(uid, kind)): Answer(kind, uid) for kind in ('response', 'halt_response')
+        }
+        for child in node.attached:
+            for kind in ('tick', 'halt'):
+                accepts[self._events.number(bt_event(child.uid, f'{kind}_asked'))] = Answer(kind, child.uid)
+        situation = Situation(
+            base,
+            time,
+            answers,
+            (self._events.number(event), uid, values),
+            accepts,
+            self._read(),
+            0,
+            len(conversation.seen),
+            changed,
+        )
+        return self._add((base.key, answers, time if self._clock.was_asked else None), situation), tuple(seen)
+
+    def _at_rest(self, time: float, status: int) -> int:
+        base = self._memory.capture()
+        situation = Situation(base, time, (), None, {}, self._read(), status, 0, self._at_blackboard())
+        return self._add((base.key, status), situation)
+
+    def _add(self, key: Any, situation: Situation) -> int:
+        number = self._numbers.get(key)
+        if number is None:
+            number = self._numbers[key] = len(self._situations)
+            self._situations.append(situation)
+        return number
+
+    def _read(self) -> Mapping[int, Mapping[str, Any]]:
+        found: dict[int, dict[str, Any]] = {}
+        for node, port, kind, entry in self._entries:
+            value = entry.value
+            if isinstance(value, str) and kind.plain is not str:
+                try:
+                    value = kind.from_text(value)
+                except DataTypeError as error:
+                    raise ModelFault(f'{node.path}: the input {port}: {error}') from error
+            found.setdefault(node.uid, {})[port] = value
+        return found
+
+    def _at_blackboard(self) -> dict[str, int]:
+        """How often the entries were written of which properties speak."""
+        board = self._tree.blackboard
+        return {key: entry.sequence for key in self._watched if (entry := board.entry(key)) is not None}
+
+    def _value_of(self, key: str) -> Any:
+        value = self._tree.blackboard.get(key)
+        if isinstance(value, str):
+            for node, port, kind in self._inputs:
+                if node.port_key(port) == key and kind.plain is str:
+                    return value
+            for plain in (int, float):
+                try:
+                    return plain(value)
+                except ValueError:
+                    pass
+        return value
+
+
+class _Clock(VirtualClock):
+    """Simulated time; knows whether a node has ever asked for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.was_asked = False
+
+    def now(self) -> float:
+        self.was_asked = True
+        return super().now()
+
+
+class _Zero:
+    """The clock of what is kept: times are kept as they are."""
+
+    def now(self) -> float:
+        return 0.0
+
+
+def _script_keys(tree: Tree) -> Iterator[str]:
+    """The entries of which the scripts of checks ask: AS2FM's are 0 before they are set."""
+    for definition in tree.definitions:
+        if definition.manifest.id == 'Precondition':
+            value = definition.values.get('if')
+            if value is not None:
+                yield from re.findall(r"(?<![\w'])[A-Za-z_]\w*(?![\w'])", value.text)
+
+
+def _set_keys(tree: Tree) -> Iterator[str]:
+    """The entries that are set to whole numbers by the tree itself."""
+    for definition in tree.definitions:
+        if definition.manifest.id == 'SetBlackboard':
+            value, key = definition.values.get('value'), definition.values.get('output_key')
+            if value is not None and key is not None and re.fullmatch(r'-?\d+', value.text.strip()):
+                yield key.text
+
+
+def read_tree(path: str, asked: Any, plugins: Mapping[str, Ports]) -> TreePlayer:
+    """The tree of a file. Raises TreeLoadError."""
+    return TreePlayer(path, read_text(path, asked), plugins)
+
+
+def _all(element: Element) -> Iterator[Element]:
+    yield element
+    for child in element.children:
+        yield from _all(child)
+
+
+def _library(path: str, text: str, plugins: Mapping[str, Ports]) -> TreeLibrary:
+    """The file, with the plugins as node types. AS2FM takes what is of version 3 whatever the file calls itself."""
+    if _OLD.search(text):
+        text = _FORMAT.sub(r'\g<1>3\g<2>', text)
+    text = _MISMATCH.sub(lambda match: match[1] + _FROM_STATUS[int(match[2])].name + match[3], text)
+    # There the port points to the entry that is set; in BehaviorTree.CPP it has the name of it.
+    text = _SET_BLACKBOARD.sub(lambda match: _KEY.sub(r'\1\2\3', match[0]), text)
+    registry: NodeRegistry = builtin_registry()
+    elements = list(_all(parse(Source(path, text))))
+    for id, ports in plugins.items():
+        if id in registry:
+            continue  # FlexBT's own node is what is tried here
+        uses = [element for element in elements if id in (element.tag, element.attributes.get('ID'))]
+        is_control = any(element.children for element in uses)
+        is_condition = any(element.tag == 'Condition' for element in uses)
+        base = PluginControl if is_control else PluginLeaf
+        kind = NodeKind.CONTROL if is_control else NodeKind.CONDITION if is_condition else NodeKind.ACTION
+        declared = {
+            name: inout_port(optional=True) if is_output else input_port(optional=True)
+            for name, (is_output, _) in ports.items()
+        }
+        namespace = {'__slots__': (), '__module__': __name__, 'kind': kind, 'ports': declared}
+        try:
+            registry.register(id, type(base.__name__, (base,), namespace))
+        except RegistrationError as error:
+            raise ModelError([LoadError(path, 1, 1, f'<{id}>', f'its plugin cannot be used: {error}')]) from error
+    return TreeLibrary().stage([load_xml(text, path, registry)])

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From the strategy of a game to a machine: states where a capability is active, transitions where an outcome arrives.
+
+A node where nothing is active is passed; one where the machine has ended is that outcome. Where no outcome arrives a
+state goes on. What follows an outcome has to be told by it alone: a machine sees nothing else of the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Final
+
+from flexbt_formal.synthesis.errors import SynthesisError
+from flexbt_formal.synthesis.games import Name, Node, Section, Strategy, names_in, value_of
+from flexbt_formal.synthesis.inputs import FAILURE_OUTCOMES, Problem
+
+from .machine import Part, State, SynthesizedMachine
+from .minimization import blocks_of, merged
+from .userdata import keys_from_the_start
+
+_LABEL: Final = '%s:%s'
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """What a machine is at, in a node: capabilities that are active, or an outcome that is reached."""
+
+    parts: tuple[Part, ...] = ()
+    end: str | None = None
+
+    def __str__(self) -> str:
+        return self.end or ' and '.join(part.capability for part in self.parts)
+
+
+def _valuation(values: Mapping[str, int]) -> dict[Name, int]:
+    return {Name(name): value for name, value in values.items()}
+
+
+def machine_of(problem: Problem, strategy: Strategy) -> SynthesizedMachine:
+    """The machine with the fewest states that carries out a strategy.
+
+    Raises:
+        SynthesisError: an outcome does not tell what comes next, or has no transition; userdata is read that is not
+            written on every way there.
+    """
+    return _Building(problem, strategy).machine()
+
+
+class _Building:
+    def __init__(self, problem: Problem, strategy: Strategy) -> None:
+        self._problem = problem
+        self._words = problem.vocabulary
+        self._strategy = strategy
+        self._nodes = strategy.nodes
+        outputs = (one.name for one in problem.specification.names(inputs=False))
+        self._memory = [name for name in outputs if not self._words.is_own(name)]
+        self._places = [self._place(node) for node in strategy.nodes]
+        self._outputs = [self._output(place) for place in self._places]
+        self._notes = list(problem.notes)
+
+    def machine(self) -> SynthesizedMachine:
+        starts = list(dict.fromkeys(to for number in self._strategy.start for to in self._settled(number)))
+        reached, steps = self._reached(starts)
+        position = {number: index for index, number in enumerate(reached)}
+        edges = [{label: [position[to] for to in targets] for label, targets in step.items()} for step in steps]
+        outputs = [
+            (self._outputs[number], *(part.retry_on for part in self._places[number].parts)) for number in reached
+        ]
+        blocks = blocks_of(outputs, edges)
+        first = [blocks.index(block) for block in range(max(blocks) + 1)]
+        single = [self._told(reached[index], edges[index], blocks, reached) for index in first]
+        root = merged([outputs[index] for index in first], single)
+        of_block: dict[int, list[int]] = {}
+        for index, number in enumerate(reached):
+            of_block.setdefault(root[blocks[index]], []).append(number)
+        joined = {
+            block: {
+                label: root[to] for one in range(len(first)) if root[one] == block for label, to in single[one].items()
+            }
+            for block in of_block
+        }
+        begins = list(dict.fromkeys(root[blocks[position[number]]] for number in starts))
+        return self._built(of_block, joined, begins)
+
+    # -- nodes -------------------------------------------------------------------------------------------------------
+
+    def _place(self, node: Node) -> _Place:
+        ends = self._words.ends_in(node.values)
+        if len(ends) > 1:
+            raise SynthesisError([f'the machine would end by {" and ".join(ends)} at once: exclude that in SYS_TRANS'])
+        if ends:
+            return _Place(end=ends[0])
+        return _Place(tuple(self._part(name, node) for name in self._words.active_in(node.values)))
+
+    def _part(self, name: str, node: Node) -> Part:
+        capability, interface = self._problem.capabilities[name], self._problem.interfaces[name]
+        reads, writes = capability.userdata_in, capability.userdata_out
+        return Part(
+            name,
+            capability.interface,
+            {key: self._chosen(value, node.values) for key, value in capability.parameters.items()},
+            interface.outcomes,
+            {key: reads.get(key, key) for key in dict.fromkeys((*(interface.input_keys or ()), *reads))},
+            {key: writes.get(key, key) for key in dict.fromkeys((*(interface.output_keys or ()), *writes))},
+            tuple(
+                one
+                for one in interface.outcomes
+                if self._is_failing(one) and self._changes_nothing(node, name, self._problem.normalized(one))
+            )
+            if self._problem.options.retries
+            else (),
+        )
+
+    def _is_failing(self, outcome: str) -> bool:
+        return self._problem.normalized(outcome) != self._problem.hoped
+
+    def _changes_nothing(self, node: Node, name: str, outcome: str) -> bool:
+        """Whether what is known is the same after an outcome of a capability, so that it may be tried again."""
+        active = self._words.active_in(node.values)
+        alone = {one: (outcome,) if one == name else () for one in active}
+        return all(
+            self._known(self._nodes[to]) == self._known(node)
+            for inputs, to in node.moves
+            if {one: self._words.arrived_in(inputs, one) for one in active} == alone
+        )
+
+    def _known(self, node: Node) -> list[int]:
+        """Memory and integers of the machine in a node."""
+        return [node.values[name] for name in self._memory]
+
+    def _chosen(self, value: Any, values: Mapping[str, int]) -> Any:
+        """A parameter; ``@variable`` is what the strategy has chosen."""
+        if isinstance(value, str) and value.startswith('@') and value[1:] in values:
+            number = values[value[1:]]
+            return self._problem.labels.get(value[1:], {}).get(number, number)
+        return value
+
+    def _output(self, place: _Place) -> Hashable:
+        return place.end or tuple((part.capability, repr(sorted(part.parameters.items()))) for part in place.parts)
+
+    # -- edges -------------------------------------------------------------------------------------------------------
+
+    def _reached(self, starts: list[int]) -> tuple[list[int], list[dict[str, list[int]]]]:
+        """The nodes at which the machine may be, and for each where its outcomes lead."""
+        reached, steps = list(starts), list[dict[str, list[int]]]()
+        for number in reached:
+            steps.append(self._steps(number))
+            targets = dict.fromkeys(to for targets in steps[-1].values() for to in targets)
+            known = set(reached)
+            reached += [to for to in targets if to not in known]
+        return reached, steps
+
+    def _steps(self, number: int) -> dict[str, list[int]]:
+        """By each outcome that may arrive (of several parts, of some of them) the nodes where it leads."""
+        place = self._places[number]
+        targets: dict[str, list[int]] = {}
+        waiting = [] if place.end else [number]
+        for node in waiting:
+            for inputs, to in self._nodes[node].moves:
+                label = self._label(place, inputs)
+                if label:
+                    targets[label] = list(dict.fromkeys([*targets.get(label, ()), *self._settled(to)]))
+                    continue
+                for then in self._settled(to):
+                    if self._outputs[then] != self._outputs[number]:
+                        raise SynthesisError(
+                            [
+                                f'the strategy leaves {place} for {self._places[then]} without an outcome, which no '
+                                'machine can: require in SYS_TRANS that an activation stays until its outcome arrives'
+                            ]
+                        )
+                    waiting += [then] if then not in waiting else []
+        return targets
+
+    def _label(self, place: _Place, inputs: Mapping[str, int]) -> str:
+        return ' & '.join(
+            _LABEL % (part.capability, outcome)
+            for part in place.parts
+            for outcome in self._words.arrived_in(inputs, part.capability)[:1]
+        )
+
+    def _settled(self, number: int) -> list[int]:
+        """Where one is at once after a node: at itself, or at what follows where nothing is active."""
+        found, seen = list[int](), [number]
+        for node in seen:
+            place = self._places[node]
+            if place.end or place.parts:
+                found.append(node)
+            else:
+                seen += [to for to in dict.fromkeys(to for _, to in self._nodes[node].moves) if to not in seen]
+        if not found:
+            raise SynthesisError(['the strategy comes to a point from which nothing is ever active again'])
+        return found
+
+    def _told(
+        self, number: int, step: Mapping[str, list[int]], blocks: list[int], reached: list[int]
+    ) -> dict[str, int]:
+        """The block to which each outcome leads."""
+        for label, targets in step.items():
+            if len({blocks[to] for to in targets}) > 1:
+                one, *others = (self._nodes[reached[to]].values for to in targets)
+                inputs = [name.name for name in self._problem.specification.names(inputs=True)]
+                told = [name for name in inputs if any(one[name] != other[name] for other in others)]
+                raise SynthesisError(
+                    [
+                        f"after '{label}' in {self._places[number]} what comes next depends on "
+                        f'{", ".join(told) or "how long it took"}, which no outcome tells: give the capability '
+                        'an outcome for each case'
+                    ]
+                )
+        return {label: blocks[targets[0]] for label, targets in step.items()}
+
+    # -- states ------------------------------------------------------------------------------------------------------
+
+    def _built(
+        self, of_block: Mapping[int, list[int]], edges: Mapping[int, Mapping[str, int]], begins: list[int]
+    ) -> SynthesizedMachine:
+        order = list(begins)
+        for block in order:
+            order += [to for to in dict.fromkeys(edges[block].values()) if to not in order]
+        names: dict[int, str] = {}
+        for block in order:
+            place = self._places[of_block[block][0]]
+            name = place.end or '_'.join(part.capability for part in place.parts)
+            taken = set(names.values()) if not place.end else set()
+            names[block] = next(
+                one for n in range(1, len(order) + 2) if (one := f'{name}_{n}' if n > 1 else name) not in taken
+            )
+        states = {}
+        if len(begins) > 1:
+            first = self._asking(begins, of_block, names)
+            states[first.name] = first
+        for block in order:
+            if self._places[of_block[block][0]].end is None:
+                states[names[block]] = self._state(names, of_block[block], edges[block], names[block])
+        if not states:
+            at_once = f"the machine would end by '{names[begins[0]]}' at once: there is nothing to do"
+            raise SynthesisError(['; '.join((at_once, *self._left_open()))])
+        self._notes += self._left_open()
+        used = {target for state in states.values() for target in state.transitions.values()}
+        for end in self._words.ends:
+            if end not in used:
+                self._notes.append(f"nothing leads to the outcome '{end}', so the machine does not have it")
+        name = self._problem.request.name or self._problem.request.system or 'Synthesized'
+        retries = self._problem.options.retries
+        for part in (part for one in names.values() if retries and one in states for part in states[one].parts):
+            once = [one for one in part.outcomes if one not in part.retry_on and self._is_failing(one)]
+            if once:
+                told = ', '.join(once)
+                self._notes.append(f'{part.capability} is not repeated after {told}, which changes what is known')
+        machine = SynthesizedMachine(
+            name,
+            tuple(end for end in self._words.ends if end in used),
+            states,
+            1 if retries is None else retries + 1,
+            notes=tuple(dict.fromkeys(self._notes)),
+        )
+        return replace(machine, keys=keys_from_the_start(machine))
+
+    def _state(self, names: Mapping[int, str], nodes: list[int], edges: Mapping[str, int], name: str) -> State:
+        parts = self._places[nodes[0]].parts
+        held = [self._problem.holding(self._nodes[node].values) for node in nodes]
+        holds = tuple(one for one in held[0] if all(one in other for other in held))
+        transitions: dict[str, str] = {}
+        combinations: dict[str, tuple[tuple[str, str], ...]] = {}
+        autonomy: dict[str, int] = {}
+        for label, to in sorted(edges.items(), key=lambda edge: -edge[0].count('&')):
+            arrived = dict(one.split(':') for one in label.split(' & '))
+            active = [part for part in parts if part.capability in arrived]
+            of_class = [
+                [one for one in part.outcomes if self._problem.normalized(one) == arrived[part.capability]]
+                for part in active
+            ]
+            for chosen in product(*of_class):
+                pairs = tuple(zip((part.capability for part in active), chosen, strict=True))
+                outcome = chosen[0] if len(parts) == 1 else '__'.join(f'{part}_{one}' for part, one in pairs)
+                transitions[outcome] = names[to]
+                combinations[outcome] = pairs
+                autonomy[outcome] = max(self._autonomy(part, one) for part, one in pairs)
+        if len(parts) == 1:
+            self._impossible(parts[0], transitions, autonomy)
+            transitions = {one: transitions[one] for one in parts[0].outcomes}
+            combinations = {}
+        levels = {outcome: autonomy[outcome] for outcome in transitions}
+        return State(name, parts, transitions, levels, tuple(nodes), holds, combinations)
+
+    def _impossible(self, part: Part, transitions: dict[str, str], autonomy: dict[str, int]) -> None:
+        """Outcomes of the class that cannot come, as the specification has it, lead to the failure of the machine."""
+        failures = [end for end in self._words.ends if end in FAILURE_OUTCOMES]
+        for outcome in part.outcomes:
+            if outcome in transitions:
+                continue
+            if not failures:
+                raise SynthesisError(
+                    [
+                        f"{part.capability}: by the specification the outcome '{outcome}' of {part.state_class} cannot "
+                        "come, so it leads nowhere; add 'failed' to the outcomes of the machine, or allow the outcome"
+                    ]
+                )
+            transitions[outcome] = failures[0]
+            autonomy[outcome] = self._autonomy(part.capability, outcome)
+            self._notes.append(
+                f"{part.capability}: '{outcome}' cannot come by the specification; it leads to '{failures[0]}'"
+            )
+
+    def _left_open(self) -> list[str]:
+        """What the strategy was free to take as the beginning: values of integers that no initial condition says."""
+        asked = [  # but what is begun with, which follows from what is taken
+            formula
+            for formula in self._problem.specification.of(Section.SYS_INIT)
+            if not any(self._words.is_own(name.name) for name in names_in(formula))
+        ]
+        values = self._nodes[self._strategy.start[0]].values
+        outputs = {name.name for name in self._problem.specification.names(inputs=False)}
+        notes = []
+        for name, labels in self._problem.labels.items():
+            if name not in outputs or self._words.is_own(name):
+                continue
+            others = [_valuation(values | {name: number}) for number in labels if number != values[name]]
+            if any(all(value_of(formula, other) is not False for formula in asked) for other in others):
+                taken = f'{name}={labels.get(values[name], values[name])}'
+                notes.append(f"the initial conditions leave '{name}' open, so {taken} is taken; say which it is")
+        return notes
+
+    def _autonomy(self, capability: str, outcome: str) -> int:
+        one = self._problem.capabilities[capability]
+        return one.autonomy.get(outcome, one.default_autonomy)
+
+    def _asking(self, begins: list[int], of_block: Mapping[int, list[int]], names: Mapping[int, str]) -> State:
+        """A state before all others in which the operator says how the world is."""
+        inputs = [name.name for name in self._problem.specification.names(inputs=True)]
+        begun = [self._nodes[number].values for number in self._strategy.start]
+        told = [name for name in inputs if len({values[name] for values in begun}) > 1]
+        transitions: dict[str, str] = {}
+        settled = {to: names[block] for block in begins for to in of_block[block]}
+        for number in self._strategy.start:
+            values = self._nodes[number].values
+            case = '_and_'.join(
+                name if values[name] == 1 else f'not_{name}' if not values[name] else f'{name}_{values[name]}'
+                for name in told
+            )
+            transitions[case] = settled[self._settled(number)[0]]
+        question = 'How is it?'
+        part = Part(
+            'start', 'OperatorDecisionState', {'outcomes': list(transitions), 'hint': question}, tuple(transitions)
+        )
+        self._notes.append(
+            f"the world may begin in several ways ({', '.join(told)}): the state 'start' asks the operator"
+        )
+        return State('start', (part,), transitions, dict.fromkeys(transitions, 0))

@@ -1,0 +1,506 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trees with seeded defects: each is found, by a way that replays; those without are followed to their end."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Iterable
+
+import pytest
+
+from flexbt_core.behavior_tree import (
+    Condition,
+    Control,
+    NodeConfig,
+    NodeRegistry,
+    NodeStatus,
+    TreeKey,
+    TreeLibrary,
+    builtin_registry,
+    input_port,
+    load_xml,
+    output_port,
+)
+from flexbt_core.behavior_tree.model import DOUBLE, STRING
+from flexbt_core.behavior_tree.nodes.nav2 import register_nav2
+from flexbt_core.monitors import parse_requirement
+from flexbt_core.skills import Predicate, Skill
+from flexbt_formal.exploration import Choices, Label, Limits, Property, Report, TreeSystem, explore, replay
+from flexbt_testing.behavior_trees.seeded_trees import Plan, StandIn, Turn
+
+
+class Drive(StandIn):
+    skill = Skill.of(resources=['base'])
+    ports = {'path': input_port(STRING, optional=True)}
+
+
+class Ask(StandIn):
+    skill = Skill.of(ignores_cancel=True)
+
+
+class AskSoon(Ask):
+    answers_soon = True
+
+
+class Follow(StandIn):
+    ports = {'path': input_port(STRING)}
+
+
+class IsSafe(Condition):
+    def tick(self) -> NodeStatus:
+        raise AssertionError('a proof runs no real leaf')
+
+
+OPEN = Predicate('open', {'door': 'door'})
+
+
+class IsOpen(IsSafe):
+    skill = Skill.measuring(OPEN)
+    ports = {'door': input_port(STRING)}
+
+
+class Enter(StandIn):
+    """Needs an open door, and leaves it closed."""
+
+    skill = Skill.of(
+        parameters={'which': 'door'},
+        preconditions=['open(which)'],
+        outcomes={'SUCCESS': ['not open(which)']},
+        arguments={'door': '$which'},
+        predicates=[OPEN],
+    )
+    ports = {'door': input_port(STRING)}
+
+
+AT = Predicate('at', {'goal': 'pose'}, exclusive='goal')
+GOAL = {'goal': input_port(STRING)}
+
+
+class IsAt(IsSafe):
+    skill = Skill.measuring(AT)
+    ports = {**GOAL, 'tolerance': input_port(DOUBLE, default='0.5')}
+
+
+class Go(StandIn):
+    skill = Skill.of(parameters=AT.parameters, outcomes={'SUCCESS': ['at(goal)']}, predicates=[AT])
+    ports = GOAL
+
+
+class Serve(StandIn):
+    skill = Skill.of(parameters=AT.parameters, preconditions=['at(goal)'], predicates=[AT])
+    ports = GOAL
+
+
+class Leave(Go):
+    skill = Skill.of(parameters=AT.parameters, outcomes={'SUCCESS': ['not at(goal)']}, predicates=[AT])
+
+
+class Lift(StandIn):
+    skill = Skill.of(deadline=10.0)
+
+
+class Choose(StandIn):
+    ports = {'door': output_port(STRING)}
+
+
+class Look(StandIn):
+    """Tells things of no type."""
+
+    ports = {'level': output_port(), 'other': output_port(), 'kind': output_port()}
+
+
+class Forgetful(Control):
+    """Ticks its children by turns, and forgets to halt the one before."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._next = 0
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child(self._next % len(self.children))
+        self._next = (self._next + 1) % len(self.children)
+        return status
+
+
+class Turns:
+    """What a node keeps in an object of its own."""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+
+class Alternating(Control):
+    """One child after the other, and after the last the first; ends with the fifth."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._turns = Turns()
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child(self._turns.number % len(self.children))
+        if status is NodeStatus.RUNNING:
+            return status
+        self.halt_child(self._turns.number % len(self.children))
+        self._turns.number += 1
+        if self._turns.number < 5:
+            self.wake()
+            return NodeStatus.RUNNING
+        self._turns.number = 0
+        return status
+
+    def on_halt(self) -> None:
+        self._turns.number = 0
+
+
+class Stalled(Control):
+    """RUNNING, with nothing that would ever wake it."""
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+
+def registry() -> NodeRegistry:
+    found = builtin_registry()
+    register_nav2(found)
+    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
+    found.register_classes([*leaves, AskSoon, Forgetful, Stalled, Alternating])
+    return found
+
+
+def system(body: str, *required: str, given: Iterable[str] = ()) -> TreeSystem:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    requirements = [parse_requirement(text, 'test').requirement for text in required]
+    return TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=requirements, given=given)
+
+
+def proved(body: str, *given: str) -> Report:
+    return explore(lambda: system(body, given=given), 'Main', limits=Limits(seconds=600))
+
+
+SOUND = """
+<Sequence>
+  <RetryUntilSuccessful num_attempts="3"><Plan path="{path}"/></RetryUntilSuccessful>
+  <ReactiveSequence><IsSafe/><Timeout msec="5000"><Drive path="{path}"/></Timeout></ReactiveSequence>
+  <Delay delay_msec="10"><Turn/></Delay>
+</Sequence>
+"""
+
+DEFECTS = {
+    'read before it is written': (
+        '<Sequence><Fallback><Plan path="{path}"/><AlwaysSuccess/></Fallback><Follow path="{path}"/></Sequence>',
+        Property.DATA,
+    ),
+    'two owners': (
+        '<Parallel success_count="2"><Drive/><Sequence><Plan/><Turn/></Sequence></Parallel>',
+        Property.ONE_OWNER,
+    ),
+    'two writers': (
+        '<Sequence><Parallel success_count="2"><Plan path="{path}"/><Plan path="{path}"/></Parallel>'
+        '<Follow path="{path}"/></Sequence>',
+        Property.ONE_WRITER,
+    ),
+    'not halted': ('<Forgetful><Plan/><Plan/></Forgetful>', Property.HALTED),
+    'wakes itself': (
+        '<RetryUntilSuccessful num_attempts="-1"><IsSafe/></RetryUntilSuccessful>',
+        Property.NO_LIVELOCK,
+    ),
+    'no time goes by': (
+        '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="0"><IsSafe/></Delay></RetryUntilSuccessful>',
+        Property.NO_LIVELOCK,
+    ),
+    'inverted condition': (
+        '<Sequence><Inverter><IsOpen door="front"/></Inverter><Enter door="front"/></Sequence>',
+        Property.PRECONDITION,
+    ),
+    'needs what was undone': (
+        '<Sequence><Enter door="front"/><Enter door="back"/><Enter door="front"/></Sequence>',
+        Property.PRECONDITION,
+    ),
+    'needs to be elsewhere': ('<Sequence><Go goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
+    'is told that it is not there': (
+        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.50"/></Inverter><Serve goal="dock"/></Sequence>',
+        Property.PRECONDITION,
+    ),
+    'is told to be elsewhere': ('<Sequence><IsAt goal="home"/><Serve goal="dock"/></Sequence>', Property.PRECONDITION),
+    'begun once what is to be begun again': (
+        '<Sequence><RateController hz="1.0"><Plan/></RateController><Drive/></Sequence>',
+        Property.LIMITS,
+    ),
+    'not given up': ('<Timeout msec="10001"><Lift/></Timeout>', Property.DEADLINE),
+    'lost wake-up': (
+        '<Sequence><Drive/><Stalled><Turn/></Stalled></Sequence>',
+        Property.NO_DEADLOCK,
+    ),
+    'dead node': ('<Sequence><Fallback><AlwaysSuccess/><Drive/></Fallback><Plan/></Sequence>', Property.REACHABLE),
+    'cannot end': (
+        '<Sequence><Drive/><Inverter><KeepRunningUntilFailure><Delay delay_msec="5"><AlwaysSuccess/></Delay>'
+        '</KeepRunningUntilFailure></Inverter></Sequence>',
+        Property.CAN_END,
+    ),
+}
+
+
+def test_a_sound_tree_is_followed_to_its_end() -> None:
+    report = proved(SOUND)
+    assert report.is_complete and report.holds, report.counterexamples
+    assert set(report.ends) == {'SUCCESS', 'FAILURE', 'stopped'}
+    assert report.uncovered == ()
+
+
+@pytest.mark.parametrize(('body', 'kind'), DEFECTS.values(), ids=DEFECTS.keys())
+def test_a_defect_is_found_and_replays(body: str, kind: Property, caplog: pytest.LogCaptureFixture) -> None:
+    report = proved(body)
+    assert {found.violation.property for found in report.counterexamples} == {kind}
+    found = report.counterexamples[0]
+    if kind.is_shown_by_a_way:  # the others are about what does not follow
+        assert found.violation in replay(lambda: system(body), found.moves)
+        assert not replay(lambda: system(body), found.moves[:-1])
+    assert not caplog.records, 'the report tells it all'
+
+
+NOTHING = 'and there is nothing by that key: it was never written, or has been removed'
+
+
+@pytest.mark.parametrize(
+    ('body', 'kind', 'text'),
+    [
+        ('<SetBlackboard value="{no}" output_key="to"/>', Property.DATA, f'reads {{no}} by its port value, {NOTHING}'),
+        (
+            '<LoopString queue="{no}" value="{it}"><Turn/></LoopString>',
+            Property.DATA,
+            f'reads {{no}} by its port queue, {NOTHING}',
+        ),
+        (
+            '<Repeat num_cycles="{no}"><Turn/></Repeat>',
+            Property.DATA,
+            f'reads {{no}} by its port num_cycles, {NOTHING}',
+        ),
+        ('<Script code="x := no + 1"/>', Property.DATA, 'the blackboard has no entry [no]'),
+        ('<Script code="x := y := (1..2)"/>', Property.DATA, 'an entry that was never written'),
+        ('<Turn _skipIf="no == 1"/>', Property.DATA, '_skipIf: the blackboard has no entry [no]'),
+        ('<Script code="x := \'text\' - 1"/>', Property.NO_FAULT, 'operator [-] does not apply to the text'),
+    ],
+)
+def test_what_is_absent_is_told_alike_by_ports_and_scripts_and_what_does_not_fit_is_a_fault(
+    body: str, kind: Property, text: str
+) -> None:
+    report = proved(f'<Sequence><UnsetBlackboard key="no"/>{body}</Sequence>')
+    (violation,) = {found.violation for found in report.counterexamples}
+    assert (violation.property, text in violation.text) == (kind, True), violation
+
+
+def test_what_a_skill_needs_may_be_what_nobody_has_looked_at_or_what_has_changed() -> None:
+    sound = (
+        '<Enter door="front"/>',
+        '<Sequence><Timeout msec="10000"><Lift/></Timeout><Timeout msec="60000"><Turn/></Timeout></Sequence>',
+        '<Sequence><IsOpen door="front"/><Enter door="front"/></Sequence>',
+        '<Sequence><Inverter><IsOpen door="back"/></Inverter><Enter door="front"/></Sequence>',
+        '<Sequence><Inverter><IsOpen door="front"/></Inverter><Turn/><Enter door="front"/></Sequence>',
+        '<Sequence><Enter door="front"/><IsOpen door="front"/><Enter door="front"/></Sequence>',
+        '<Sequence><Choose door="{it}"/><Enter door="{it}"/><Choose door="{it}"/><Enter door="{it}"/></Sequence>',
+        '<LoopString queue="front;back" value="{it}"><Enter door="{it}"/></LoopString>',
+        '<Sequence><Choose door="{it}"/><Repeat num_cycles="2"><Sequence><Enter door="{it}"/>'
+        '<Script code="it := &apos;back&apos;"/></Sequence></Repeat></Sequence>',
+        '<Sequence><Enter door="front"/><Turn/><Enter door="front"/></Sequence>',  # who knows what it does
+        '<Sequence><IsAt goal="home"/><Turn/><Serve goal="dock"/></Sequence>',
+        '<Sequence><Inverter><IsAt goal="dock" tolerance="0.1"/></Inverter><Serve goal="dock"/></Sequence>',
+        '<Sequence><Go goal="{a}"/><Serve goal="{b}"/></Sequence>',  # of the same value, maybe
+        '<Sequence><Leave goal="dock"/><Go goal="{a}"/><Serve goal="dock"/></Sequence>',
+        '<Sequence><Leave goal="dock"/><ForceSuccess><Go goal="dock"/></ForceSuccess><Serve goal="dock"/></Sequence>',
+    )
+    for body in sound:
+        assert proved(body).holds, body
+    same = '<Sequence><Choose door="{it}"/><Enter door="{it}"/><Enter door="{it}"/></Sequence>'
+    (found,) = proved(same).counterexamples
+    assert found.violation.text == (
+        'Enter::4 begins, and its skill needs open(it): Enter::3 has brought about not open(it)'
+    )
+
+
+def test_a_limit_that_is_asked_again_makes_a_difference() -> None:
+    again = '<PipelineSequence><RateController hz="1.0"><Plan/></RateController><Drive/></PipelineSequence>'
+    assert proved(again).holds
+
+
+@pytest.mark.parametrize('body', ['<Drive name="drive"/>', '<Timeout msec="9001"><Drive name="drive"/></Timeout>'])
+def test_what_is_required_in_time_is_missed_when_nothing_else_waits_for_a_time(body: str) -> None:
+    required = 'after drive, drive > halted within 9 s'
+    (found,) = explore(lambda: system(body, required), 'Main', limits=Limits(seconds=600)).counterexamples
+    assert found.violation.text.startswith('drive > halted has not come 9 s after drive')
+    in_time = '<Sequence><Timeout msec="9000"><Inverter><Drive name="drive"/></Inverter></Timeout></Sequence>'
+    assert not replay(lambda: system(in_time, required), found.moves)
+
+
+def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
+    def size(body: str) -> tuple[int, int]:
+        tree = system(body)
+        tree.step(Label('start'), Choices())
+        return len(tree.capture().parts), len(tree.tree.nodes)
+
+    (parts, nodes), (more_parts, more_nodes) = size(SOUND), size(f'<Sequence>{SOUND * 5}</Sequence>')
+    assert more_parts - parts < 1.5 * (more_nodes - nodes)
+
+
+def test_restored_configurations_are_what_the_steps_lead_to() -> None:
+    report = proved(f'<Repeat num_cycles="2">{SOUND}</Repeat>')
+    assert report.is_complete and report.holds
+    assert report.checked_restores > 0  # each would raise
+
+
+def test_what_nodes_of_ones_own_keep_is_restored() -> None:
+    report = proved('<Repeat num_cycles="2"><Alternating><Plan/><Turn/></Alternating></Repeat>')
+    assert report.is_complete and report.holds, report.counterexamples
+    assert report.configurations > 10 and report.checked_restores > 0
+    assert report.depth == 11  # the start, and five results in each cycle
+
+
+def test_counters_without_a_limit_are_one_situation() -> None:
+    report = proved(
+        '<RetryUntilSuccessful num_attempts="-1"><Delay delay_msec="10"><IsSafe/></Delay></RetryUntilSuccessful>'
+    )
+    assert report.is_complete and report.configurations < 10
+
+
+def test_a_number_of_cycles_that_the_tree_writes_itself_is_kept_to() -> None:
+    report = proved('<Sequence><Turn/><Script code="n := 3"/><Repeat num_cycles="{n}"><Turn/></Repeat></Sequence>')
+    assert report.is_complete and report.holds, report.counterexamples
+    assert report.depth == 5  # the start, and the results of four turns
+
+
+FOR_EVER = (
+    '<RetryUntilSuccessful num_attempts="-1"><Sequence><Plan path="{p}"/><Drive/></Sequence></RetryUntilSuccessful>'
+)
+
+
+def test_what_goes_on_for_ever_without_a_server_is_found() -> None:
+    report = proved(FOR_EVER)
+    assert {found.violation.property for found in report.counterexamples} == {Property.CAN_END}
+    assert [found.violation.where for found in report.counterexamples] == ['Drive', 'Plan']
+    assert 'when the server of Drive is gone for good' in report.counterexamples[0].violation.text
+
+
+def test_a_server_that_is_gone_is_no_fault_where_it_is_given_up() -> None:
+    assert proved(FOR_EVER.replace('-1', '3')).holds
+    another = f'<ReactiveFallback><IsSafe/>{FOR_EVER}</ReactiveFallback>'
+    assert proved(another).holds
+
+
+def test_that_an_answer_is_waited_for_without_limit_is_told() -> None:
+    unlimited = [note for note in proved(SOUND).notes if 'no time limit' in note]
+    assert unlimited == ['no time limit: if one of these never answers, only a stop ends it: Plan, Turn']
+
+
+@pytest.mark.parametrize(('name', 'is_confirmed'), [('Drive', True), ('Ask', False)])
+def test_a_tree_does_not_wait_for_what_ignores_a_cancel(name: str, is_confirmed: bool) -> None:
+    tree = system(f'<Sequence><ReactiveFallback><IsSafe/><{name}/></ReactiveFallback><Plan/></Sequence>')
+    tree.step(Label('start'), Choices((1,)))
+    tree.step(Label('tick'), Choices((0,)))
+    kinds = {label.kind for label in tree.labels()}
+    assert ('cancel confirmed' in kinds) is is_confirmed
+    assert ('result' in kinds) is not is_confirmed  # Plan has begun
+
+
+GO = '<Go name="go" goal="x"/>'
+ATTEMPTS = (
+    f'<Fallback><RetryUntilSuccessful num_attempts="{{}}">{GO}</RetryUntilSuccessful><Ask name="ask"/></Fallback>'
+)
+TWO = '<Sequence><Go goal="{{{}}}"/><Drive name="drive" path="{{{}}}"/></Sequence>'
+RATE = f'<PipelineSequence><RateController hz="{{}}">{GO}</RateController><Drive/></PipelineSequence>'
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'required', 'why'),
+    [
+        (ATTEMPTS.format(3), ATTEMPTS.format(2), 'ask only after go > FAILURE, 3 times', 'has come 2 times only'),
+        (
+            ATTEMPTS.format(3),
+            ATTEMPTS.format(2),
+            'after go > FAILURE, go before the end, up to 3 times',
+            'it ends, and go has not come after go > FAILURE',
+        ),
+        (RATE.format(2), RATE.format(10), 'go at most 1 time in 500 ms', 'go happens more than once in 0.5 s'),
+        (TWO.format('a', 'b'), TWO.format('a', 'a'), 'drive has path={b}', "drive has path='{a}'; required is"),
+        (GO, '<Serve name="go" goal="x"/>', 'go is a Go', 'go is a Serve; required is: go is a Go'),
+        (GO, '<Go name="go" goal="y"/>', 'go has goal=x', "go has goal='y'; required is: go has goal=x"),
+        (
+            '<Sequence><Ask/><Go goal="x"/></Sequence>',
+            '<Sequence><Go goal="x"/><Ask/></Sequence>',
+            'Go only after Ask > SUCCESS',
+            'Go comes without Ask > SUCCESS',
+        ),
+    ],
+    ids=['attempts before', 'attempts', 'rate', 'key', 'type', 'text', 'without names'],
+)
+def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required: str, why: str) -> None:
+    limits = Limits(seconds=600)
+    report = explore(lambda: system(right, required), 'Main', limits=limits)
+    assert report.is_proof, report.counterexamples
+    (found,) = explore(lambda: system(wrong, required), 'Main', limits=limits).counterexamples
+    assert why in found.violation.text
+    assert replay(lambda: system(wrong, required), found.moves) and not replay(
+        lambda: system(right, required), found.moves
+    )
+
+
+def test_what_is_wrong_from_the_beginning_hides_nothing() -> None:
+    required = 'go is a Serve', 'go has goal=y', 'never go > FAILURE', 'never =SUCCESS'
+    report = explore(lambda: system(GO, *required), 'Main')
+    assert {found.violation.text.partition('; required is: ')[2] for found in report.counterexamples} == {*required}
+
+
+def test_what_has_come_about_stays_possible_while_what_was_canceled_ends() -> None:
+    either = '<Parallel success_count="1"><Go goal="x"/><Drive/></Parallel>'
+    report = explore(lambda: system(either, '=SUCCESS is always still possible'), 'Main')
+    assert report.is_proof, report.counterexamples
+
+
+def test_what_stands_for_the_leaves_goes_with_the_proof() -> None:
+    ends = [weakref.ref(type(node)) for node in system(RATE.format(2), 'never go > halted').tree.nodes[-2:]]
+    gc.collect()
+    assert [end() for end in ends] == [None, None]
+
+
+def test_what_two_write_at_once_and_nobody_reads_is_no_matter() -> None:
+    assert proved('<Parallel success_count="2"><Plan path="{path}"/><Plan path="{path}"/></Parallel>').holds
+
+
+def test_what_is_given_is_called_as_where_the_tree_begins() -> None:
+    """What a sub-tree calls it says nothing about who has written it."""
+    body = '<Sequence><Plan path="{path}"/><SubTree ID="Away" path="{route}"/></Sequence>'
+    away = '<BehaviorTree ID="Away"><Follow path="{path}"/></BehaviorTree>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree>{away}</root>'
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+
+    def made() -> TreeSystem:
+        return TreeSystem(library, TreeKey('main.xml', 'Main'))
+
+    assert made().given == ('route',) and made().needed == {'route'}
+    assert explore(made, 'Main').written == {'SUCCESS': {'path'}, 'FAILURE': set(), 'stopped': set()}
+
+
+def test_what_is_given_has_every_value_that_is_asked_for() -> None:
+    """By a port or by scripts alone, of a type or of none: no branch is called dead that some value leads to."""
+    cases = '<Switch2 variable="{mode}" case_1="fast" case_2="slow"><Plan/><Turn/><AlwaysSuccess/></Switch2>'
+    level = """<ScriptCondition code="level > 3 &amp;&amp; kind == 'van'"/>"""
+    report = proved(f'<Sequence>{cases}<Fallback>{level}<Plan/></Fallback></Sequence>', 'level', 'kind')
+    assert report.is_complete and report.holds, report.counterexamples
+    (absent,) = proved(level).counterexamples
+    assert absent.violation.property is Property.DATA
+
+
+def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script() -> None:
+    """Of outputs of no type: a text is beside no number, and what is compared has values in common."""
+    script = "level &gt; 3 &amp;&amp; other == level &amp;&amp; kind == 'van; car'"
+    look = '<Look level="{level}" other="{other}" kind="{kind}"/>'
+    asked = f'<Sequence><ScriptCondition code="{script}"/><Turn/></Sequence>'
+    report = proved(f'<Sequence>{look}<Fallback>{asked}<Plan/></Fallback></Sequence>')
+    assert report.is_complete and report.holds, report.counterexamples
+
+
+@pytest.mark.parametrize(('leaf', 'can_succeed'), [('Ask', False), ('AskSoon', True)])
+def test_what_answers_within_the_tick_does_not_halt_what_is_behind_it(leaf: str, can_succeed: bool) -> None:
+    """An action of which nothing more is known is RUNNING when it begins anew, and halts what is behind it."""
+    report = proved(f'<ReactiveSequence><{leaf}/><Drive/></ReactiveSequence>')
+    assert ('SUCCESS' in report.ends) is can_succeed
