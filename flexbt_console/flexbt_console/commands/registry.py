@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from flexbt_console.errors import UsageError
 from flexbt_console.mirror import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, Command, CommandKind, View
 
 from . import sending, showing, words
@@ -59,11 +58,6 @@ def _structure_known(view: View) -> bool:
     return view.structure is not None or view.snapshot is None or not view.snapshot.run_id
 
 
-def _check_screen(line: CommandLine) -> None:
-    if line.has('--port') and not line.has('--web'):
-        raise UsageError('--port is of the screen in a browser: give --web, too')
-
-
 # The commands
 
 _REASON = Option('--reason', 'why, for the event log', 'TEXT')
@@ -74,7 +68,6 @@ _UNSEEN = Option(UNSEEN, 'answer although what you are asked about (a path, a va
 _UNSEEN_MACHINE = Option(UNSEEN, 'send it although the behavior was synthesized, and its machine was not received')
 _LEAVING = Option('--leaving', 'what it tells of "quit" (default: the robot goes on), for who starts it', 'TEXT')
 _PAGE = Option('--page', 'address of the page of the same robots, which it shows, for who starts both', 'URL')
-_IN_BROWSER = Option('--web', 'serve it to browsers on this computer (with --port), instead of this terminal')
 _PORT = Option('--port', 'port of the page (default 8465; 0 takes a free one)', 'NUMBER', read=port_number)
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; beyond it a token is needed)', 'IP'
@@ -451,12 +444,7 @@ COMMANDS: Final = (
         'screen',
         'the whole screen, also without any command: machine, trees, map, decisions and log, one key for each command',
         Mode.SCREEN,
-        options=(_IN_BROWSER, _PORT, _LEAVING, _PAGE, _SCAN_PERIOD, _SLOW_LINK),
-        details=(
-            'With --web the same screen is in a browser: the address is printed, and each tab is an operator of its '
-            'own, on this computer alone (from another: ssh -L 8465:localhost:8465 STATION).',
-        ),
-        check=_check_screen,
+        options=(_LEAVING, _PAGE, _SCAN_PERIOD, _SLOW_LINK),
         link=LinkNeed.NONE,
     ),
     CommandSpec(

@@ -336,20 +336,9 @@ class CommandLine:
         """The words after the command as one text."""
         return ' '.join(self.words)
 
-    def written(self, *left_out: str) -> list[str]:
-        """As words that mean the same, without some options."""
-        options = [(name, values) for name, values in self.options.items() if name not in left_out]
-        words = [word for name, values in options for word in ([name] if not values else _pairs(name, values))]
-        command = [] if self.spec is None else [self.spec.name]
-        return [*words, *command, *self.words, *self.ros_arguments]
-
     def bound_to(self, decision_id: str) -> CommandLine:
         """The line with the decision named that it answers."""
         return replace(self, options={**self.options, DECISION: [decision_id]})
-
-
-def _pairs(name: str, values: list[str]) -> list[str]:
-    return [word for value in values for word in (name, value)]
 
 
 def seconds(text: str) -> float:

@@ -139,8 +139,6 @@ def _flush() -> None:
 def _run(line: CommandLine) -> ExitCode:
     if line.spec is not None and line.spec.action is Mode.WEB:
         return _run_web(line)
-    if line.spec is not None and line.spec.action is Mode.SCREEN and line.has('--web'):
-        return _run_screen_in_browser(line)
     if line.spec is not None and line.spec.action is Mode.REPLAY:
         return _run_replay(line)
     if line.spec is not None and line.spec.action is Mode.COMPLETION:
@@ -197,7 +195,7 @@ def _known_of_robots(typed: TypedLine) -> tuple[View, tuple[str, ...]]:
 
 def _run_interactive(line: CommandLine, needs: str) -> ExitCode:
     assert line.spec is not None
-    if not (_is_served() or (sys.stdin.isatty() and sys.stdout.isatty())):
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError(f'the interactive {line.spec.name} needs a terminal; use a command, see console --help')
     if not _is_installed(needs):
         raise UsageError(
@@ -266,28 +264,8 @@ def _run_web(line: CommandLine) -> ExitCode:
         return ExitCode.OK
 
 
-def _run_screen_in_browser(line: CommandLine) -> ExitCode:
-    try:
-        from .web import Access, print_address, run_web, screen_application
-
-        access = Access()
-        command = [sys.executable, '-m', 'flexbt_console', *line.written('--web', '--port')]
-        application = screen_application(command, f'FlexBT {line.value("--namespace")}'.strip(), access)
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f'screen --web needs {error.name}: pip install textual-serve; or use the page, console web'
-        ) from None
-    run_web(application, access, _port(line), print_address)
-    return ExitCode.OK
-
-
 def _port(line: CommandLine) -> int:
     return port_number(line.value('--port') or str(DEFAULT_PORT))
-
-
-def _is_served() -> bool:
-    """Whether this process shows its screen in a browser: textual-serve has started it."""
-    return os.environ.get('TEXTUAL_DRIVER', '').endswith('WebDriver')
 
 
 def _run_prompt(line: CommandLine, runtime: NodeRuntime, watch: TerminalWatch) -> None:
@@ -393,8 +371,8 @@ def operator_name(line: CommandLine) -> str:
     """Return who gives the commands: the option, the environment, or user@host/place.
 
     The executive takes commands under one name from one console at a time, and one person may have several open on one
-    computer. So the place tells them apart: ``page`` (of another port than the usual one ``page8466``), the terminal as
-    in ``pts3``, or ``web`` and the process of a screen in a browser. A script without a terminal has none.
+    computer. So the place tells them apart: ``page`` (of another port than the usual one ``page8466``), or the terminal
+    as in ``pts3``. A script without a terminal has none.
     """
     given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')
     if given:
@@ -413,8 +391,6 @@ def _place(line: CommandLine) -> str:
     if line.spec is not None and line.spec.action is Mode.WEB:
         port = _port(line)
         return 'page' if port == DEFAULT_PORT else f'page{port or os.getpid()}'
-    if _is_served():
-        return f'web{os.getpid()}'
     for descriptor in range(3):
         with contextlib.suppress(OSError):
             return os.ttyname(descriptor).removeprefix('/dev/').replace('/', '')

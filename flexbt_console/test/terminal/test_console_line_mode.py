@@ -59,8 +59,6 @@ def test_consoles_of_the_same_person_have_names_of_their_own(monkeypatch: pytest
     assert names_at('/dev/pts/12', 'screen') == [f'{script}/pts12']
     assert names_at('/dev/pts/3', 'web', 'web --port 8466') == [f'{script}/page', f'{script}/page8466']
     assert names_at('/dev/pts/3', 'web --operator ann', 'screen --operator bob') == ['ann', 'bob']
-    monkeypatch.setenv('TEXTUAL_DRIVER', 'textual.drivers.web_driver:WebDriver')
-    assert names_at(None, 'screen') == [f'{script}/web{os.getpid()}']
 
 
 def test_what_lost_its_lock_to_a_signal_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:

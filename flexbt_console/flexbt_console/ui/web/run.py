@@ -10,7 +10,7 @@ import math
 import signal
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from functools import partial
 from typing import Final
 
@@ -35,13 +35,6 @@ TELL_SECONDS: Final = 10.0
 """Between two lines about requests that are none."""
 
 TOLD_CHARACTERS: Final = 200
-
-
-def screen_application(command: Sequence[str], title: str, access: Access) -> web.Application:
-    """What serves the screen that a command shows. Raises ModuleNotFoundError where textual-serve is missing."""
-    from .screen_server import ScreenServer
-
-    return ScreenServer(command, title, access).application()
 
 
 def run_web(application: web.Application, access: Access, port: int, told: Callable[[str], None]) -> None:
