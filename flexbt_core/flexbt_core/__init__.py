@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behavior trees (BehaviorTree.CPP), state machines (FlexBE), planning, synthesis, proof, without ROS."""
+"""Behavior trees (BehaviorTree.CPP) and state machines (FlexBE), with skills and monitors, without ROS."""

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from flexbt_core.skills import Literal, SkillError, capability_file, parse_literal, read_skills
 from flexbt_formal.synthesis import synthesize
 from flexbt_formal.synthesis.inputs import Interface, Request, read_capabilities, translated
+from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
 TEXT = """\
 objects: {kitchen: place, office: place, mug: cup}
@@ -95,3 +98,19 @@ def test_what_has_no_form_there_is_told(right: str, wrong: str, message: str) ->
     with pytest.raises(SkillError) as error:
         capability_file(read_skills(TEXT.replace(right, wrong)), literals(*START[:1], *START[2:]), 'errand')
     assert message in str(error.value)
+
+
+def test_skills_of_a_file_as_capabilities(tmp_path: Path) -> None:
+    file = tmp_path / 'skills.yaml'
+    file.write_text(
+        'objects: {hall: place, dock: place}\n'
+        'predicates: {at: {parameters: {where: place}, exclusive: where}}\n'
+        'skills: {Drive: {parameters: {to: place}, outcomes: {done: [at(to)], failed: failed}}}\n'
+    )
+    assert 'done: completed, then at(to)' in tool('skills', str(file)).out
+    made = read_capabilities(tool('skills', str(file), '--capabilities', 'm', '--start', 'at(hall)').out, 'm.yaml')
+    assert list(made.capabilities) == ['Drive_hall', 'Drive_dock']
+    assert made.memory == {'at_hall': True, 'at_dock': False}
+    refused = tool('skills', str(file), '--capabilities', 'm', '--start', 'at hall')
+    assert (refused.code, refused.out) == (2, '')
+    assert "'at hall' is no literal" in refused.err

@@ -232,9 +232,9 @@ def test_a_plan_is_kept_for_consoles_that_come_late_and_forgotten_with_the_next_
         wait_until(lambda: len(heard[-1].x) == 3, 'the next plan')
         before = len(heard)
         bench.start(autonomy=1)
-        wait_until(lambda: len(heard) == before + 2, lambda: f'have {[len(plan.x) for plan in heard]}')
-        assert not heard[-2].x  # that of the run before
-        assert len(heard[-1].x) == 200  # what is judged: no planner has published it
+        # What is judged: no planner has published it. That there is no plan before may be replaced on its way.
+        wait_until(lambda: len(heard[-1].x) == 200, lambda: f'have {[len(plan.x) for plan in heard]}')
+        assert not any(plan.x for plan in heard[before:-1])
         decision = bench.status.decisions[0]
         bench.applied(ExecutiveCommand.FORCE, path=decision.path, decision_id=decision.id, outcome='bad')
         wait_until(lambda: len(heard[-1].x) == 201, 'the next that is judged, and not the one that was refused')

@@ -17,7 +17,7 @@ from ament_index_python.packages import get_package_prefix
 
 from flexbt_testing.system import fork_server
 from flexbt_testing.system.network_namespace import NetworkNamespace
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import contended_time, uncontended_time
 
 PACKAGES: Final[Mapping[str, str]] = {
     'simulator': 'flexbt_sim',
@@ -56,11 +56,15 @@ def executable(name: str) -> str:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a process ended: its exit code, the (uncontended) seconds from the signal on, and what it has said."""
+    """How a process ended: its exit code, the (uncontended) seconds from the signal on, and what it has said.
+
+    ``held_up`` are the seconds besides in which the machine was too busy.
+    """
 
     exit_code: int
     seconds: float
     output: str
+    held_up: float
 
 
 class Stack:
@@ -189,10 +193,10 @@ class Stack:
             subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
         """
         process = self._processes[name]
-        sent = uncontended_time()
+        sent, held_up = uncontended_time(), contended_time()
         process.send_signal(number)
         exit_code = process.wait(timeout)
-        return Ending(exit_code, uncontended_time() - sent, self.output(name))
+        return Ending(exit_code, uncontended_time() - sent, self.output(name), contended_time() - held_up)
 
     def process_id(self, name: str) -> int:
         """The number of a process."""

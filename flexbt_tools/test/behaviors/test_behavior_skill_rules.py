@@ -16,7 +16,6 @@ from flexbt_core.state_machine import (
     OperatableStateMachine,
     PriorityContainer,
 )
-from flexbt_formal.synthesis.inputs import read_capabilities
 from flexbt_states import BtExecuteState, BtLoaderState
 from flexbt_testing.behavior_trees.bt_tool import behavior_tool as tool
 
@@ -128,19 +127,3 @@ def test_files_of_skills_are_taken(tmp_path: Path) -> None:
     refused = tool('check', '--skills', str(file))
     assert (refused.code, refused.out) == (3, '')
     assert f"{file}:1:1: skill LogState cannot have 'resource'; did you mean 'resources'?" in refused.err
-
-
-def test_skills_of_a_file_as_capabilities(tmp_path: Path) -> None:
-    file = tmp_path / 'skills.yaml'
-    file.write_text(
-        'objects: {hall: place, dock: place}\n'
-        'predicates: {at: {parameters: {where: place}, exclusive: where}}\n'
-        'skills: {Drive: {parameters: {to: place}, outcomes: {done: [at(to)], failed: failed}}}\n'
-    )
-    assert 'done: completed, then at(to)' in tool('skills', str(file)).out
-    made = read_capabilities(tool('skills', str(file), '--capabilities', 'm', '--start', 'at(hall)').out, 'm.yaml')
-    assert list(made.capabilities) == ['Drive_hall', 'Drive_dock']
-    assert made.memory == {'at_hall': True, 'at_dock': False}
-    refused = tool('skills', str(file), '--capabilities', 'm', '--start', 'at hall')
-    assert (refused.code, refused.out) == (2, '')
-    assert "'at hall' is no literal" in refused.err
