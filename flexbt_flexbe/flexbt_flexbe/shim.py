@@ -2,7 +2,8 @@
 """FlexBE's modules, ``flexbe_core``, ``flexbe_states`` and ``flexbe_testing``, for code that imports them.
 
 They are real packages in a directory of their own, which is on Python's path only when somebody asks for that, so that
-an installed FlexBE is never shadowed by accident. In a program::
+an installed FlexBE is never shadowed by accident. The modules in them come from a table (:data:`MODULES`): each package
+calls :func:`fill` when it is imported, and from then on a finder makes them. In a program::
 
     from flexbt_flexbe import shim
     shim.install()
@@ -16,7 +17,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
+from collections.abc import Mapping, Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from .errors import ShimError
@@ -58,6 +63,126 @@ def _location(package: str) -> Path | None:
     except ValueError:  # in sys.modules, and nobody knows from where
         return Path(package)
     return Path(spec.origin).resolve().parent if spec is not None and spec.origin else None
+
+
+# The modules
+
+_CORE: Final = ('ConcurrencyContainer', 'EventState', 'OperatableStateMachine', 'PriorityContainer', 'UserData')
+_ERRORS: Final = ('StateError', 'StateMachineError', 'UserDataError')
+_PROXIES: Final = (
+    'ProxyActionClient',
+    'ProxyPublisher',
+    'ProxyServiceCaller',
+    'ProxySubscriberCached',
+    'ProxyTransformListener',
+)
+_STATES: Final = {
+    'flexbe_states': (
+        'CalculationState',
+        'CheckConditionState',
+        'DecisionState',
+        'FlexibleCalculationState',
+        'FlexibleCheckConditionState',
+        'InputState',
+        'LogKeyState',
+        'LogState',
+        'OperatorDecisionState',
+        'PublisherBoolState',
+        'PublisherEmptyState',
+        'PublisherStringState',
+        'SelectionState',
+        'SubscriberState',
+        'WaitState',
+    ),
+    'flex_bt_flexbe_states': (
+        'BtExecuteGoalState',
+        'BtExecuteState',
+        'BtGetDataState',
+        'BtLoaderState',
+        'BtSetDataState',
+    ),
+}
+TESTER: Final = 'flexbe_testing.py_tester'
+
+
+def _snake(name: str) -> str:
+    return ''.join(f'_{sign.lower()}' if sign.isupper() else sign for sign in name).removeprefix('_')
+
+
+MODULES: Final[Mapping[str, Mapping[str, str]]] = {
+    'flexbe_core': dict.fromkeys(
+        ('Autonomy', 'Behavior', *_CORE, 'Logger', 'StateLogger', 'initialize_flexbe_core', 'set_node'), 'flexbt_flexbe'
+    ),
+    'flexbe_core.behavior': {'Behavior': 'flexbt_flexbe'},
+    'flexbe_core.logger': {'Logger': 'flexbt_flexbe'},
+    'flexbe_core.state_logger': {'StateLogger': 'flexbt_flexbe'},
+    'flexbe_core.core': {
+        **dict.fromkeys(_CORE, 'flexbt_flexbe'),
+        **dict.fromkeys(_ERRORS, 'flexbt_core.state_machine'),
+        'RosState': 'flexbt_flexbe.EventState',
+    },
+    **{f'flexbe_core.core.{_snake(name)}': {name: 'flexbt_flexbe'} for name in _CORE},
+    'flexbe_core.core.exceptions': dict.fromkeys(_ERRORS, 'flexbt_core.state_machine'),
+    'flexbe_core.core.ros_state': {'RosState': 'flexbt_flexbe.EventState'},
+    'flexbe_core.proxy': dict.fromkeys((*_PROXIES, 'initialize_proxies', 'shutdown_proxies'), 'flexbt_flexbe.proxy'),
+    **{f'flexbe_core.proxy.{_snake(name)}': {name: 'flexbt_flexbe.proxy'} for name in _PROXIES},
+    'flexbe_core.proxy.qos': {
+        **dict.fromkeys(('QOS_DEFAULT', 'QOS_LATCH', 'QOS_LOSSY'), 'flexbt_flexbe.proxy'),
+        **dict.fromkeys(('QoSDurabilityPolicy', 'QoSProfile', 'QoSReliabilityPolicy'), 'rclpy.qos'),
+    },
+    **dict.fromkeys(('flexbe_states', 'flex_bt_flexbe_states', 'flexbe_testing'), {}),
+    **{
+        f'{package}.{_snake(name)}': {name: 'flexbt_flexbe.states'} for package, names in _STATES.items() for name in names
+    },
+    'flexbe_states.user_data_state': {'UserdataState': 'flexbt_flexbe.states'},
+    TESTER: {'PyTester': 'flexbt_testing.flexbe'},
+}
+"""By module: its names, and the module that each is taken from (with the name there, where that is another one)."""
+
+
+def fill(package: str) -> None:
+    """Give a package that is being imported its names, and have the modules below it found from now on."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.append(_Finder())
+    _give_names(sys.modules[package])
+
+
+class _Finder(MetaPathFinder, Loader):
+    """Finds the modules of the table below packages that Python has found on its path.
+
+    It comes last, so a module that is really there goes before it.
+    """
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """See :class:`importlib.abc.MetaPathFinder`."""
+        if path is None or fullname not in MODULES:
+            return None
+        is_package = any(name.startswith(f'{fullname}.') for name in MODULES)
+        return ModuleSpec(fullname, self, origin=__file__, is_package=is_package)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """See :class:`importlib.abc.Loader`."""
+        module.__doc__ = f"FlexBE's ``{module.__name__}``."
+        _give_names(module)
+
+
+def _give_names(module: ModuleType) -> None:
+    names = MODULES[module.__name__]
+    for name, source in names.items():
+        where, _, other = source.rpartition('.') if source.endswith('.EventState') else (source, '', name)
+        try:
+            setattr(module, name, getattr(importlib.import_module(where), other))
+        except ModuleNotFoundError as error:
+            if module.__name__ != TESTER:
+                raise
+            # No other module of a package that a robot has imports flexbt_testing.
+            raise ShimError(
+                f'{TESTER} needs the package flexbt_testing, and there is no module {error.name!r}; '
+                'install flexbt_testing where tests are run'
+            ) from None
+    module.__all__ = list(names)  # type: ignore[attr-defined]
 
 
 if __name__ == '__main__':

@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""FlexBE's ``flexbe_testing``."""
+"""FlexBE's ``flexbe_testing``, on FlexBT's engine."""
+
+from flexbt_flexbe.shim import fill
+
+fill(__name__)
