@@ -130,9 +130,13 @@ MODULES: Final[Mapping[str, Mapping[str, str]]] = {
         **dict.fromkeys(('QOS_DEFAULT', 'QOS_LATCH', 'QOS_LOSSY'), 'flexbt_flexbe.proxy'),
         **dict.fromkeys(('QoSDurabilityPolicy', 'QoSProfile', 'QoSReliabilityPolicy'), 'rclpy.qos'),
     },
-    **dict.fromkeys(('flexbe_states', 'flex_bt_flexbe_states', 'flexbe_testing'), {}),
+    'flexbe_states': {},
+    'flex_bt_flexbe_states': {},
+    'flexbe_testing': {},
     **{
-        f'{package}.{_snake(name)}': {name: 'flexbt_flexbe.states'} for package, names in _STATES.items() for name in names
+        f'{package}.{_snake(name)}': {name: 'flexbt_flexbe.states'}
+        for package, names in _STATES.items()
+        for name in names
     },
     'flexbe_states.user_data_state': {'UserdataState': 'flexbt_flexbe.states'},
     TESTER: {'PyTester': 'flexbt_testing.flexbe'},
@@ -142,22 +146,24 @@ MODULES: Final[Mapping[str, Mapping[str, str]]] = {
 
 def fill(package: str) -> None:
     """Give a package that is being imported its names, and have the modules below it found from now on."""
-    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        sys.meta_path.append(_Finder())
+    if _FINDER not in sys.meta_path:
+        sys.meta_path.insert(0, _FINDER)
+    _FINDER.packages.add(package)
     _give_names(sys.modules[package])
 
 
 class _Finder(MetaPathFinder, Loader):
-    """Finds the modules of the table below packages that Python has found on its path.
+    """Finds the modules below ``packages``, which are ours: installed packages of these names have their own."""
 
-    It comes last, so a module that is really there goes before it.
-    """
+    def __init__(self) -> None:
+        self.packages: set[str] = set()
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """See :class:`importlib.abc.MetaPathFinder`."""
-        if path is None or fullname not in MODULES:
+        package, _, below = fullname.partition('.')
+        if not below or package not in self.packages or fullname not in MODULES:
             return None
         is_package = any(name.startswith(f'{fullname}.') for name in MODULES)
         return ModuleSpec(fullname, self, origin=__file__, is_package=is_package)
@@ -166,6 +172,9 @@ class _Finder(MetaPathFinder, Loader):
         """See :class:`importlib.abc.Loader`."""
         module.__doc__ = f"FlexBE's ``{module.__name__}``."
         _give_names(module)
+
+
+_FINDER: Final = _Finder()
 
 
 def _give_names(module: ModuleType) -> None:
