@@ -119,11 +119,11 @@ MODULES: Final[Mapping[str, Mapping[str, str]]] = {
     'flexbe_core.core': {
         **dict.fromkeys(_CORE, 'flexbt_flexbe'),
         **dict.fromkeys(_ERRORS, 'flexbt_core.state_machine'),
-        'RosState': 'flexbt_flexbe.EventState',
+        'RosState': 'flexbt_flexbe:EventState',
     },
     **{f'flexbe_core.core.{_snake(name)}': {name: 'flexbt_flexbe'} for name in _CORE},
     'flexbe_core.core.exceptions': dict.fromkeys(_ERRORS, 'flexbt_core.state_machine'),
-    'flexbe_core.core.ros_state': {'RosState': 'flexbt_flexbe.EventState'},
+    'flexbe_core.core.ros_state': {'RosState': 'flexbt_flexbe:EventState'},
     'flexbe_core.proxy': dict.fromkeys((*_PROXIES, 'initialize_proxies', 'shutdown_proxies'), 'flexbt_flexbe.proxy'),
     **{f'flexbe_core.proxy.{_snake(name)}': {name: 'flexbt_flexbe.proxy'} for name in _PROXIES},
     'flexbe_core.proxy.qos': {
@@ -141,7 +141,7 @@ MODULES: Final[Mapping[str, Mapping[str, str]]] = {
     'flexbe_states.user_data_state': {'UserdataState': 'flexbt_flexbe.states'},
     TESTER: {'PyTester': 'flexbt_testing.flexbe'},
 }
-"""By module: its names, and the module that each is taken from (with the name there, where that is another one)."""
+"""By module: its names, and the module that each is taken from, with ``:`` and the name there where that is another."""
 
 
 def fill(package: str) -> None:
@@ -180,9 +180,9 @@ _FINDER: Final = _Finder()
 def _give_names(module: ModuleType) -> None:
     names = MODULES[module.__name__]
     for name, source in names.items():
-        where, _, other = source.rpartition('.') if source.endswith('.EventState') else (source, '', name)
+        where, _, other = source.partition(':')
         try:
-            setattr(module, name, getattr(importlib.import_module(where), other))
+            setattr(module, name, getattr(importlib.import_module(where), other or name))
         except ModuleNotFoundError as error:
             if module.__name__ != TESTER:
                 raise
