@@ -41,7 +41,7 @@ class RobotOverview:
 
     @property
     def needs_operator(self) -> bool:
-        """Whether somebody has to do something: only what is heard says so."""
+        """Return whether somebody has to do something; only a robot that is heard says so."""
         return self.urgency < Urgency.UNREACHABLE
 
     @property

@@ -97,7 +97,7 @@ class TreeRun:
 
     @property
     def is_running(self) -> bool:
-        """Whether it has begun and not ended, and the node that runs it is not gone."""
+        """Return whether it has begun and not ended, and the node that runs it is not gone."""
         return self.sequence > 0 and not self.finished and not self.server_gone
 
     @property
