@@ -32,9 +32,10 @@ from _maps import MAPS, drawn
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
-from flexbt_sim.errors import NavigationError, SimulationError
+from flexbt_sim.errors import SimulationError
 from flexbt_sim.executables import SWITCH_INTERVAL
 from flexbt_sim.navigation import FollowerLimits, Navigator, planner_for, prepare_navigation
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import (
     MODELS,
     Circle,

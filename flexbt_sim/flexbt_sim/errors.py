@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The errors of the simulator and the navigation servers.
+"""The errors of the simulated world and its simulator.
 
 FlexbtError
 └── SimulationError
     ├── FileError           a file that cannot be used; names file, field and remedy
-    │   ├── MapError        of a map
-    │   ├── GraphError      of a graph of routes
-    │   └── DockError       of docks
-    ├── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
-    └── NavigationError     a request that ends with one of Nav2's error codes
+    │   └── MapError        of a map
+    └── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
 """
 
 from __future__ import annotations
@@ -44,25 +41,9 @@ class MapError(FileError):
     """A map cannot be used."""
 
 
-class GraphError(FileError):
-    """A graph of routes cannot be used."""
-
-
-class DockError(FileError):
-    """A database of docks cannot be used."""
-
-
 class WorldError(SimulationError):
     """A world file cannot be used. ``problems`` has a line, FILE:LINE:COLUMN: WHERE: WHAT, for each defect."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__('\n'.join(problems))
         self.problems = tuple(problems)
-
-
-class NavigationError(SimulationError):
-    """A planner, controller or behavior aborts its goal. ``code`` is the name of a constant of the action's result."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code

@@ -9,8 +9,8 @@ from collections import deque
 from sim_maps import room
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, FollowerLimits, GridPlanner, Motion, PathFollower, Velocity
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import OccupancyMap, Pose, Robot, RobotModel, World, wrap
 
 PERIOD = 0.03

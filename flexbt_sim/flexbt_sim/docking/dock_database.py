@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.values import finite_number, load_yaml, read_text, shown
-from flexbt_sim.errors import DockError
+from flexbt_sim.navigation_errors import DockError
 from flexbt_sim.world import Pose, StationModel, WorldFile
 
 MOST_BYTES: Final = 4_000_000

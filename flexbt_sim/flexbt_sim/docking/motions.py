@@ -10,8 +10,8 @@ from enum import Enum
 from typing import Final
 
 from flexbt_sim.costmaps import Costmap
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, Motion, TurnLimits, Velocity
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, compose, drive, inverse, wrap
 
 from .control_law import ControlLaw, velocity_to

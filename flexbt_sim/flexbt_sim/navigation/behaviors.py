@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from flexbt_sim.costmaps import Costmap
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, drive, wrap
 
 from .collision_monitor import slowed

@@ -17,7 +17,7 @@ from typing import Final, TypeVar
 import numpy
 
 from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, local_size
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import OccupancyMap, Pose, World, compose
 
 from .behaviors import DriveMotion, SpinMotion

@@ -15,7 +15,7 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import INSCRIBED, LETHAL, Position, loops
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, compiled
 
 from . import hybrid_kernels

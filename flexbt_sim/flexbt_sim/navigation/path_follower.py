@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy
 
 from flexbt_sim.costmaps import Costmap
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import DriveModel, Pose, compose, drive, wrap
 
 from .motions import (

@@ -12,7 +12,7 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import INSCRIBED, LETHAL, Costmap, Costs, Position, loops, neighbours
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose
 
 NEUTRAL_COST: Final = 50.0

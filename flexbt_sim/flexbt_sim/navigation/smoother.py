@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, wrap
 
 DATA_WEIGHT: Final = 0.2

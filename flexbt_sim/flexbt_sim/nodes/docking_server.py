@@ -24,8 +24,8 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values import shown
 from flexbt_sim.costmaps import Costmap
 from flexbt_sim.docking import Dock, DockMotion, DockState, DockType, Senses, StagingMotion, UndockMotion, load_docks
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STOP, PathFollower, StopFlag, Velocity, planner_for
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import stamped
 from flexbt_sim.server_common import (
     CANCELED,

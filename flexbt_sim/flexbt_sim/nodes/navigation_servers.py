@@ -26,9 +26,9 @@ from flexbt_common.liveness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime import COMPLAINT_SECONDS, Hang, NodeRuntime, run_node
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.navigation import DriveMotion, PathFollower, SpinMotion, prepare_navigation
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.route_server import RouteServer
 from flexbt_sim.server_common import (
     GoalEnd,

@@ -13,8 +13,8 @@ from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message, poses_of
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import StopFlag, planner_for
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.server_common import (
     SUCCEEDED,

@@ -15,8 +15,8 @@ from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message, seconds_of
 from flexbt_sim.costmaps import Costmap
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import Smoothing, smooth_path
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import pose_message
 from flexbt_sim.server_common import (
     SUCCEEDED,

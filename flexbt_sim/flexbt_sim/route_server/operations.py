@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.calls import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.routes import Operation, RouteTracker, blocked_edge, speed_limit
 from flexbt_sim.server_common import (
     ADJUST_SPEED_LIMIT,

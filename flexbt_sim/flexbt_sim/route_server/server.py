@@ -25,7 +25,7 @@ from flexbt_common.calls import GoalServer, ServedGoal
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, resolve_file
 from flexbt_common.values import check_limits, duration_message
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.routes import (
     SCORERS,

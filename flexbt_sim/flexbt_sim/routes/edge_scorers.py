@@ -15,7 +15,7 @@ import numpy
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import INSCRIBED, Costmap
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, wrap
 
 from .graph import RouteEdge, RouteGraph, RouteNode, number, speed_limit

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.values import load_json, read_text, shown
-from flexbt_sim.errors import GraphError
+from flexbt_sim.navigation_errors import GraphError
 from flexbt_sim.world import FARTHEST
 
 from .graph import MOST, Operation, RouteEdge, RouteGraph, RouteNode

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy
 
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 
 from .edge_scorers import RouteRequest, Scorer
 from .graph import RouteEdge, RouteGraph, RouteNode

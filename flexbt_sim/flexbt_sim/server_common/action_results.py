@@ -10,7 +10,7 @@ from nav_msgs.msg import Path
 
 from flexbt_common.calls import ServedGoal, set_error
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 
 
 @dataclass(frozen=True)

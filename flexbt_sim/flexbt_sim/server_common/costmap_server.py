@@ -39,7 +39,7 @@ from flexbt_common.transforms import TransformBuffer, take_transforms
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.costmaps import LETHAL, Box, Costmap, LayeredCostmap, Observation, local_size
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import grid_info
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 

@@ -16,8 +16,8 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TRANSFORM_TIMEOUT, Rigid, TransformListener, transformed
 from flexbt_common.values import seconds_of
 from flexbt_core.values import shown
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import STILL
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.world import Pose
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexbt_core.values import shown
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.world import FARTHEST, Pose
 

@@ -17,9 +17,9 @@ from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.intra_process import IntraProcessTopics
 from flexbt_sim.navigation import Velocity
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import OccupancyMap, Pose
 

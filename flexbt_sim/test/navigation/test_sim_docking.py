@@ -28,8 +28,9 @@ from flexbt_sim.docking import (
     velocity_to,
 )
 from flexbt_sim.docking.motions import RETRIES
-from flexbt_sim.errors import DockError, NavigationError, WorldError
+from flexbt_sim.errors import WorldError
 from flexbt_sim.navigation import STOP, Velocity
+from flexbt_sim.navigation_errors import DockError, NavigationError
 from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, wrap
 
 OPEN = drawn(*['.' * 120] * 120)

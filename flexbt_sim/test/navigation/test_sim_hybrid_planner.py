@@ -13,11 +13,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import HybridPlanner, Navigator, Steering, StopFlag, hybrid_kernels, hybrid_planner
 from flexbt_sim.navigation.hybrid_planner import STEERING_RESERVE
 from flexbt_sim.navigation.outline_planner import OutlineLoops, outline_loops
 from flexbt_sim.navigation.track import drivable_legs
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
 
 CAR = MODELS['car']

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from sim_maps import drawn, free_places, places, rooms, worlds
 
 from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import (
     LOOK_AHEAD,
     ROLL_TIME,
@@ -28,6 +27,7 @@ from flexbt_sim.navigation import (
     Velocity,
     collides,
 )
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import (
     Circle,
     DriveModel,

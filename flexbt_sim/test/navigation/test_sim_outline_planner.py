@@ -14,9 +14,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import GridPlanner, Navigator, Steering, hybrid_kernels, outline_planner, planner_for
 from flexbt_sim.navigation.outline_planner import OutlineLoops, OutlinePlanner
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, box, wrap
 
 LONG = box(0.9, 0.4)

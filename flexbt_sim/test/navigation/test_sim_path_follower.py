@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from sim_maps import drawn, free_places, room, worlds
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import (
     STOP,
     FollowerLimits,
@@ -27,6 +26,7 @@ from flexbt_sim.navigation import (
     planner_for,
 )
 from flexbt_sim.navigation.path_follower import END_OF_LEG, HELD_UP
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import MODELS, Circle, OccupancyMap, Pose, World, box, compose, wrap
 
 OPEN = drawn(*['.' * 160] * 120)

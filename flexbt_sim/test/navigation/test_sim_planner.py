@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sim_maps import drawn, places, room, rooms, worlds
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import END_TOLERANCE, SPACING, GridPlanner
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import OccupancyMap, Pose, wrap
 
 INFLATION = Inflation()

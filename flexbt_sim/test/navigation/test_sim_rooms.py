@@ -16,8 +16,8 @@ from PIL import Image
 from sim_maps import room
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import GridPlanner
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import Pose, load_map
 
 MAPS = Path(__file__).parents[2] / 'maps'

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from route_graphs import edge, feature, node, write
 
-from flexbt_sim.errors import GraphError
+from flexbt_sim.navigation_errors import GraphError
 from flexbt_sim.routes import load_graph
 from flexbt_sim.world import Pose
 

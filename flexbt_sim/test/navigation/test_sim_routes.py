@@ -16,7 +16,7 @@ from route_graphs import graph, graphs
 from sim_maps import drawn
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.routes import (
     SCORERS,
     AchievedRadii,

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from sim_maps import drawn, free_places, rooms, worlds
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.errors import NavigationError
 from flexbt_sim.navigation import GridPlanner, Smoothing, smooth_path
+from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.world import OccupancyMap, Pose
 
 OPEN = Costmap(drawn(*['.' * 120] * 120), Inflation())
