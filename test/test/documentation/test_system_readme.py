@@ -42,9 +42,9 @@ def test_the_examples_are_short() -> None:
 def test_the_tree_recovers_without_a_robot(tmp_path: Path) -> None:
     """In a shell that knows of the workspace what the README says, and no more."""
     (tmp_path / 'deliver.xml').write_text(example('A tree', 'xml'), encoding='utf-8')
-    said = re.search(r'After `(.*?)` a shell knows the commands below', README)
-    assert said is not None
-    script = f'{said[1]} && cd {shlex.quote(str(tmp_path))} && {example("A tree", "sh")}'
+    sourced = re.search(r'Run `(.*?)` in a shell to use the commands below', README)
+    assert sourced is not None
+    script = f'{sourced[1]} && cd {shlex.quote(str(tmp_path))} && {example("A tree", "sh")}'
     environment = dict(os.environ)
     for name in ('PATH', 'PYTHONPATH'):
         places = environment.get(name, '').split(os.pathsep)
