@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 from nav2_msgs.msg import CollisionMonitorState
@@ -10,23 +11,45 @@ from nav2_msgs.srv import Toggle
 
 from flexbt_common import names
 from flexbt_common.lifecycle import ManagedPart
-from flexbt_common.runtime import NodeRuntime
+from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
 from flexbt_sim.navigation import STOP, Velocity, slowed
-from flexbt_sim.server_common import MotionArbiter, NavigationParameters
+from flexbt_sim.server_common import MotionArbiter
 from flexbt_sim.world import Pose
 
 POLYGON: Final = 'FootprintApproach'
 """The polygon of Nav2's bringup that slows down, which is the footprint."""
 
 
+@dataclass(frozen=True)
+class CollisionMonitorParameters:
+    """Values of the parameters; see :func:`declare_collision_monitor_parameters` for meaning and unit."""
+
+    is_on: bool
+    seconds: float
+
+
+def declare_collision_monitor_parameters(declare: ParameterDeclarer) -> CollisionMonitorParameters:
+    """Declare the parameters and read them.
+
+    Raises:
+        UnfitParameterError: a value that cannot work.
+    """
+    return CollisionMonitorParameters(
+        is_on=declare.flag(
+            'collision_monitor', False, 'whether commands are slowed down before collisions, as the service toggles it'
+        ),
+        seconds=declare.real('time_before_collision', 1.2, 0.1, 10.0, 'how far ahead the collision monitor looks, s'),
+    )
+
+
 class CollisionMonitor:
     """On the executor thread. Its state is published when it changes. While the managed node of its name is not active,
     nothing passes it, as in Nav2."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
+    def __init__(self, runtime: NodeRuntime, parameters: CollisionMonitorParameters, arbiter: MotionArbiter) -> None:
         self._parameters = parameters
         self._robot = arbiter.robot
-        self._is_on = parameters.collision_monitor
+        self._is_on = parameters.is_on
         self._acts = False
         self._states = runtime.node.create_publisher(CollisionMonitorState, names.COLLISION_MONITOR_STATE, 1)
         runtime.node.create_service(Toggle, names.TOGGLE_COLLISION_MONITOR, self._toggle)
@@ -38,7 +61,7 @@ class CollisionMonitor:
             return STOP
         if not self._is_on:
             return command
-        safe = slowed(self._robot.costmaps.local, pose, command, self._parameters.time_before_collision)
+        safe = slowed(self._robot.costmaps.local, pose, command, self._parameters.seconds)
         self._tell(acts=safe != command)
         return safe
 

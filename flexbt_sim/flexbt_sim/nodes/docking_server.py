@@ -31,15 +31,17 @@ from flexbt_sim.server_common import (
     CANCELED,
     SUCCEEDED,
     Computation,
+    DockingParameters,
     GoalEnd,
     MotionArbiter,
-    NavigationParameters,
     RunningMotion,
     asked_pose,
     end_by,
     finish,
 )
 from flexbt_sim.world import Pose, wrap
+
+from .controller_server import ControllerParameters
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5
@@ -52,24 +54,30 @@ LONGEST: Final = 1e6
 class DockingServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
+    def __init__(
+        self,
+        runtime: NodeRuntime,
+        parameters: DockingParameters,
+        controller: ControllerParameters,
+        arbiter: MotionArbiter,
+    ) -> None:
         """Raises DockError: the parameter ``dock_database`` names no database."""
         self.runtime = runtime
         self.parameters = parameters
+        self.controller = controller
         self.arbiter = arbiter
         self.computation = Computation(runtime, 'the planner of docking')
-        docking = parameters.docking
         self._types = {
-            **{name: DockType(name, charges=False) for name in docking.other_types},
-            **{name: DockType(name, charges=True) for name in docking.charging_types},
+            **{name: DockType(name, charges=False) for name in parameters.other_types},
+            **{name: DockType(name, charges=True) for name in parameters.charging_types},
         }
-        self._docks = load_docks(Path(docking.database)) if docking.database else {}
+        self._docks = load_docks(Path(parameters.database)) if parameters.database else {}
         self._is_charging = False
         self._seen: tuple[float, Pose] | None = None
         self._docked: tuple[DockType, Pose] | None = None
         node = runtime.node
         node.create_subscription(BatteryState, names.BATTERY_STATE, self._on_battery, 1)
-        if docking.uses_detection:
+        if parameters.uses_detection:
             node.create_subscription(PoseStamped, names.DETECTED_DOCK_POSE, self._on_detection, 1)
         self._dock_poses = node.create_publisher(PoseStamped, names.DOCK_POSE, 1)
         self._staging_poses = node.create_publisher(PoseStamped, names.STAGING_POSE, 1)
@@ -82,7 +90,7 @@ class DockingServer:
 
     def show(self, dock: Pose, staging: Pose) -> None:
         """Publish both, for display."""
-        frame, stamp = self.parameters.map_frame, self.runtime.clock.stamp()
+        frame, stamp = self.arbiter.robot.parameters.map_frame, self.runtime.clock.stamp()
         self._dock_poses.publish(stamped(dock, frame, stamp))
         self._staging_poses.publish(stamped(staging, frame, stamp))
 
@@ -105,17 +113,17 @@ class DockingServer:
         """Without detection a dock is where it should be."""
 
         def seen_dock() -> Pose | None:
-            if not self.parameters.docking.uses_detection:
+            if not self.parameters.uses_detection:
                 return dock
             age = self.runtime.clock.now() - self._seen[0] if self._seen is not None else math.inf
-            return self._seen[1] if self._seen and age <= self.parameters.docking.detection_seconds else None
+            return self._seen[1] if self._seen and age <= self.parameters.detection_seconds else None
 
         return Senses(lambda: self._is_charging, seen_dock)
 
     def _reload(self, request: Any, response: Any) -> Any:
         logger = self.runtime.node.get_logger()
         try:
-            self._docks = load_docks(resolve_file(request.filepath, self.parameters.allowed_directories))
+            self._docks = load_docks(resolve_file(request.filepath, self.arbiter.robot.parameters.allowed_directories))
         except FlexbtError as error:
             logger.error(f'the docks stay as they are: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return response
@@ -139,7 +147,7 @@ class DockingServer:
 
     def _type(self, name: str) -> DockType:
         """Without a name the first one of those that charge. Raises NavigationError DOCK_NOT_VALID."""
-        docking = self.parameters.docking
+        docking = self.parameters
         kind = self._types.get(name or next(iter((*docking.charging_types, *docking.other_types)), ''))
         if kind is None:
             raise NavigationError(
@@ -158,7 +166,7 @@ class DockingServer:
 
     def is_docked(self, dock: Pose) -> bool:
         """Whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the robot."""
-        near = self.arbiter.robot.pose.distance(dock) < self.parameters.docking.limits.docked_within
+        near = self.arbiter.robot.pose.distance(dock) < self.parameters.limits.docked_within
         return near or self._is_charging
 
     def _undock(self, goal: ServedGoal) -> None:
@@ -184,7 +192,7 @@ class DockingServer:
                 return
             motion = UndockMotion(
                 self.senses(here),
-                self.parameters.docking.limits,
+                self.parameters.limits,
                 self.arbiter.robot.costmaps.local,
                 charges=kind.charges,
                 seconds=limited(request.max_undocking_time),
@@ -265,14 +273,14 @@ class DockGoal:
     def _stage(self) -> None:
         """Plan a path to the staging pose, unless the robot is there."""
         server, robot = self._server, self._server.arbiter.robot
-        limits = server.parameters.docking.limits
+        limits = server.parameters.limits
         staging = limits.staging_pose(self._pose)
         server.show(self._pose, staging)
         away = math.hypot(robot.pose.distance(staging), wrap(staging.yaw - robot.pose.yaw))
         if not self._goal.request.navigate_to_staging_pose or away < limits.prestaging_tolerance:
             self._drive(None)
             return
-        planner = planner_for(robot.costmaps.shared, server.parameters.follower.steering)
+        planner = planner_for(robot.costmaps.shared, server.controller.follower.steering)
         start, stop = robot.pose, self._stop
         server.computation.run(self._goal, lambda: planner.plan(start, staging, stop), self._on_path, self._on_no_path)
 
@@ -286,7 +294,7 @@ class DockGoal:
         if not self._goal.active:
             return
         try:
-            follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.parameters.follower)
+            follower = PathFollower(path, self._server.arbiter.robot.costmaps.local, self._server.controller.follower)
             if self._staging is None:
                 self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage)
                 self._drive(self._staging)
@@ -300,7 +308,7 @@ class DockGoal:
         self._motion = DockMotion(
             self._pose,
             server.senses(self._pose),
-            server.parameters.docking.limits,
+            server.parameters.limits,
             server.arbiter.robot.costmaps.local,
             charges=self._kind.charges,
             staging=staging,

@@ -14,7 +14,10 @@ from flexbt_common.calls import GoalAdmission, goal_servers
 from flexbt_common.interfaces import SETTABLE_SERVERS
 from flexbt_common.lifecycle import ManagedPart
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.server_common import GoalEnd, NavigationParameters, finish
+from flexbt_sim.server_common import GoalEnd, finish
+
+from .controller_server import ControllerParameters
+from .planner_server import PlannerParameters
 
 CONTROLLER: Final = {
     'desired_linear_vel': 'speed',
@@ -26,7 +29,7 @@ PROGRESS_CHECKER: Final = {'required_movement_radius': 'progress_distance', 'mov
 """Parameters of plug-ins of controller_server, and what they are of FollowerLimits."""
 
 
-def manage_servers(runtime: NodeRuntime, parameters: NavigationParameters) -> None:
+def manage_servers(runtime: NodeRuntime, controller: ControllerParameters, planner: PlannerParameters) -> None:
     """Have a lifecycle manager decide for each of them whether it works, when all actions are served. One that is not
     active rejects goals; those that it works on are aborted. On the executor thread.
 
@@ -41,22 +44,22 @@ def manage_servers(runtime: NodeRuntime, parameters: NavigationParameters) -> No
         parts[server].declare(f'{plugin}{name}', runtime.node.get_parameter(name).value, descriptor, on_set)
 
     def set_follower(field: str, value: Any) -> None:
-        parameters.follower = replace(parameters.follower, **{field: value})
+        controller.follower = replace(controller.follower, **{field: value})
 
     def set_tolerance(value: float) -> None:
-        parameters.planner_tolerance = value
+        planner.tolerance = value
 
     of_plugins: tuple[tuple[tuple[str, ...], Mapping[str, str]], ...] = (
-        (parameters.controller_ids, CONTROLLER),
-        (parameters.goal_checker_ids, GOAL_CHECKER),
-        (parameters.progress_checker_ids, PROGRESS_CHECKER),
+        (controller.controller_ids, CONTROLLER),
+        (controller.goal_checker_ids, GOAL_CHECKER),
+        (controller.progress_checker_ids, PROGRESS_CHECKER),
     )
     for ids, fields in of_plugins:
         for plugin in ids[:1]:
             for name, field in fields.items():
                 declare('controller_server', f'{plugin}.', name, partial(set_follower, field))
     declare('controller_server', '', 'failure_tolerance', partial(set_follower, 'patience'))
-    for plugin in parameters.planner_ids[:1]:
+    for plugin in planner.planner_ids[:1]:
         declare('planner_server', f'{plugin}.', 'tolerance', set_tolerance)
 
 

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Actions that plan: compute_path_to_pose and compute_path_through_poses. Planning happens on a thread of its own."""
+"""Actions that plan: compute_path_to_pose and compute_path_through_poses, on a thread of their own; the service
+is_path_valid; and the parameters of the planner with Nav2's names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
+from nav2_msgs.srv import IsPathValid
 from nav_msgs.msg import Path
 
 from flexbt_common import names
 from flexbt_common.calls import GoalServer, ServedGoal
-from flexbt_common.runtime import NodeRuntime
-from flexbt_common.values import duration_message, poses_of
+from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, ParameterDeclarer
+from flexbt_common.values import check_limits, duration_message, poses_of
+from flexbt_core.errors import FlexbtError
 from flexbt_sim.navigation import StopFlag, planner_for
 from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import path_message
@@ -21,27 +25,62 @@ from flexbt_sim.server_common import (
     Asked,
     Computation,
     GoalEnd,
-    NavigationParameters,
     OnPathEnd,
     RobotInterface,
+    asked_path,
     asked_pose,
     check_id,
     finish,
+    set_success,
 )
 from flexbt_sim.world import Pose
 
+from .controller_server import ControllerParameters
+
+
+@dataclass
+class PlannerParameters:
+    """Values of the parameters; see :func:`declare_planner_parameters` for meaning and unit.
+
+    While the servers run, ``tolerance`` may be set to another one, for the paths that are planned then. On the executor
+    thread.
+    """
+
+    planner_ids: tuple[str, ...]
+    tolerance: float
+
+
+def declare_planner_parameters(declare: ParameterDeclarer) -> PlannerParameters:
+    """Declare the parameters and read them.
+
+    Raises:
+        UnfitParameterError: a value that cannot work.
+    """
+    return PlannerParameters(
+        planner_ids=declare.texts('planner_ids', ['GridBased'], 'names under which the planner is known'),
+        tolerance=declare.real(
+            'tolerance',
+            0.0,
+            0.0,
+            10.0,
+            'how far from a goal that cannot be reached a path may end, m; 0: nowhere else',
+        ),
+    )
+
 
 class PlannerServer:
-    """Serves both actions."""
+    """Serves both actions, and the service. On the executor thread."""
 
     def __init__(
         self,
         runtime: NodeRuntime,
-        parameters: NavigationParameters,
+        parameters: PlannerParameters,
+        controller: ControllerParameters,
         robot: RobotInterface,
     ) -> None:
         self._runtime = runtime
         self._parameters = parameters
+        self._controller = controller
         self._robot = robot
         self._computation = Computation(runtime, 'planner')
         self._legs: list[list[Pose]] = []
@@ -52,6 +91,7 @@ class PlannerServer:
         )
         for action_type, name, goals_of in actions:
             self._serve(action_type, name, goals_of)
+        runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
     def _serve(self, action_type: Any, name: str, goals_of: Callable[[Any], Sequence[Any]]) -> None:
         def serve(goal: ServedGoal) -> None:
@@ -84,18 +124,35 @@ class PlannerServer:
 
     def _search(self, goal: ServedGoal, poses: list[Pose], on_end: OnPathEnd) -> None:
         start = poses.pop() if goal.request.use_start else self._robot.pose
-        costmap, parameters = self._robot.costmaps.shared, self._parameters
-        planner = planner_for(costmap, parameters.follower.steering, parameters.planner_tolerance)
+        costmap, frame = self._robot.costmaps.shared, self._robot.parameters.map_frame
+        planner = planner_for(costmap, self._controller.follower.steering, self._parameters.tolerance)
         stop = StopFlag()
         goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
 
         def plan() -> Path:
             legs = self._legs = planner.plan_through(start, poses, stop, self._legs)
             path = [*(pose for leg in legs[:-1] for pose in leg[:-1]), *legs[-1]]
-            return path_message(path, parameters.map_frame, self._runtime.clock.stamp())
+            return path_message(path, frame, self._runtime.clock.stamp())
 
         self._computation.run(goal, plan, lambda path: self._planned(path, on_end), on_end)
 
     def _planned(self, path: Path, on_end: OnPathEnd) -> None:
         self._plan_topic.publish(path)
         on_end(SUCCEEDED, path)
+
+    async def _is_path_valid(self, request: Any, response: Any) -> Any:
+        try:
+            check_limits(request)
+            poses = await self._robot.map_frame.known(asked_path(request.path))
+            costmap, here = self._robot.costmaps.shared, self._robot.pose
+        except FlexbtError as error:
+            self._runtime.node.get_logger().warning(f'is_path_valid: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
+            return response
+        if not poses:
+            return response
+        nearest = min(range(len(poses)), key=lambda index: here.distance(poses[index]))
+        invalid = [index for index in range(nearest, len(poses)) if costmap.in_collision(poses[index])]
+        response.is_valid = not invalid
+        set_success(response)
+        response.invalid_pose_indices = invalid
+        return response

@@ -23,7 +23,6 @@ from flexbt_sim.server_common import (
     Asked,
     Computation,
     GoalEnd,
-    NavigationParameters,
     OnPathEnd,
     RobotInterface,
     asked_path,
@@ -39,8 +38,7 @@ SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing
 class SmootherServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot: RobotInterface) -> None:
-        self._parameters = parameters
+    def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
         self._robot = robot
         self._computation = Computation(runtime, 'the smoother')
         self._smoothed = runtime.node.create_publisher(Path, names.PLAN_SMOOTHED, 1)
@@ -76,7 +74,7 @@ class SmootherServer:
                 raise NavigationError('TIMEOUT', f'the path is not smooth after {limit:g} s')
 
         def on_result(smoothed: list[Pose]) -> None:
-            path = _with_poses(request.path, smoothed, self._parameters.map_frame)
+            path = _with_poses(request.path, smoothed, self._robot.parameters.map_frame)
             self._smoothed.publish(path)
             on_end(_checked(smoothed, costmap) if request.check_for_collisions else SUCCEEDED, path)
 

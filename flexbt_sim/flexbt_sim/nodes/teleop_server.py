@@ -17,7 +17,7 @@ from flexbt_common import names
 from flexbt_common.runtime import NodeRuntime
 from flexbt_common.values import duration_message, seconds_of
 from flexbt_sim.navigation import STOP, AssistedTeleop, Velocity
-from flexbt_sim.server_common import MotionArbiter, MotionServer, NavigationParameters
+from flexbt_sim.server_common import MotionArbiter, MotionServer
 
 COMMAND_SECONDS: Final = 0.5
 """For how long, of wall time, a command counts: an operator whose link is cut drives no robot any further."""
@@ -26,12 +26,12 @@ COMMAND_SECONDS: Final = 0.5
 class TeleopServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, arbiter: MotionArbiter) -> None:
+    def __init__(self, runtime: NodeRuntime, arbiter: MotionArbiter) -> None:
         self._runtime = runtime
         self._arbiter = arbiter
         self._command = STOP
         self._commanded_at = -math.inf
-        command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
+        command_type: Any = TwistStamped if arbiter.robot.parameters.stamped_cmd_vel else Twist
         node = runtime.node
         node.create_subscription(command_type, names.CMD_VEL_TELEOP, self._on_command, 1)
         node.create_subscription(Empty, names.PREEMPT_TELEOP, self._on_preempt, 1)

@@ -22,8 +22,8 @@ from flexbt_sim.server_common import (
     COLLISION_MONITOR,
     REROUTING_SERVICE,
     TIME_MARKER,
-    NavigationParameters,
     RobotInterface,
+    RouteParameters,
 )
 from flexbt_sim.world import Pose
 
@@ -43,13 +43,13 @@ class Done:
 class RouteOperations:
     """On the executor thread. For one route at a time: ``begin``, ``process`` at each pose of the robot, ``finish``."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot: RobotInterface) -> None:
+    def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
         self._runtime = runtime
-        self._parameters = parameters.routes
+        self._parameters = parameters
         self._robot = robot
         self._services = ServiceLinks(runtime)
         self._speed_limits = runtime.node.create_publisher(SpeedLimit, names.SPEED_LIMIT, 1)
-        self._frame = parameters.map_frame
+        self._frame = robot.parameters.map_frame
         runtime.node.create_service(Trigger, names.REROUTE, self._on_reroute)
         self._run = 0
         self.begin()

@@ -45,8 +45,8 @@ from flexbt_sim.server_common import (
     Asked,
     Computation,
     GoalEnd,
-    NavigationParameters,
     RobotInterface,
+    RouteParameters,
     asked_pose,
     finish,
 )
@@ -68,7 +68,7 @@ NO_PLACE: Final = 'INDETERMINANT_NODES_ON_GRAPH'
 class RouteServer:
     """On the executor thread."""
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters, robot: RobotInterface) -> None:
+    def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
         """Raises GraphError: the parameter ``graph_filepath`` names no graph."""
         self._runtime = runtime
         self._parameters = parameters
@@ -76,7 +76,7 @@ class RouteServer:
         self._graph: RouteGraph | None = None
         self._edges = DynamicEdges()
         scorers = {**SCORERS, DYNAMIC_EDGES: self._edges}
-        self._score = edge_scorer(scorers[name] for name in parameters.routes.edge_scorers)
+        self._score = edge_scorer(scorers[name] for name in parameters.edge_scorers)
         self._computation = Computation(runtime, 'the route planner')
         self._operations = RouteOperations(runtime, parameters, robot)
         self._tracking: RouteTracking | None = None
@@ -85,8 +85,8 @@ class RouteServer:
         self._markers = node.create_publisher(MarkerArray, names.ROUTE_GRAPH, names.latched())
         node.create_service(SetRouteGraph, names.SET_ROUTE_GRAPH, self._set_graph)
         node.create_service(DynamicEdgesService, names.ADJUST_EDGES, self._adjust_edges)
-        if parameters.routes.graph_file:
-            self._take_graph(load_graph(FilePath(parameters.routes.graph_file)), self._report_graph)
+        if parameters.graph_file:
+            self._take_graph(load_graph(FilePath(parameters.graph_file)), self._report_graph)
         actions = (
             (ComputeRoute, names.COMPUTE_ROUTE, self._serve, None),
             (ComputeAndTrackRoute, names.COMPUTE_AND_TRACK_ROUTE, self._track, self._cancel_tracking),
@@ -115,14 +115,14 @@ class RouteServer:
             else:
                 self._take_graph(graph, on_taken)
 
-        allowed = self._parameters.allowed_directories
+        allowed = self._robot.parameters.allowed_directories
         self._computation.ask(lambda: load_graph(resolve_file(request.graph_filepath, allowed)), on_loaded)
         await done
         return response
 
     def _take_graph(self, graph: RouteGraph, on_taken: Callable[[Exception | None], None]) -> None:
         """Use a graph when all of it is known in the frame of the map; the one before it stays when that fails."""
-        frame = self._parameters.map_frame
+        frame = self._robot.parameters.map_frame
         frames = sorted(graph.frames - {frame})
 
         def take(origins: list[Pose]) -> None:
@@ -184,11 +184,11 @@ class RouteServer:
 
         def on_planned(planned: PlannedRoute) -> None:
             stamp = self._runtime.clock.stamp()
-            path = path_message(planned.path, self._parameters.map_frame, stamp)
+            path = path_message(planned.path, self._robot.parameters.map_frame, stamp)
             self._plan.publish(path)
             result = ComputeRoute.Result(
                 planning_time=duration_message(self._runtime.steady.now() - began),
-                route=route_message(planned.route, self._parameters.map_frame, stamp),
+                route=route_message(planned.route, self._robot.parameters.map_frame, stamp),
                 path=path,
             )
             self._finish(goal, result, SUCCEEDED)
@@ -251,12 +251,12 @@ class RouteServer:
                 'NO_VALID_GRAPH',
                 f'there is no graph: set the parameter graph_filepath, or call {names.SET_ROUTE_GRAPH}',
             )
-        needs_costmap = request.use_poses or 'CostmapScorer' in self._parameters.routes.edge_scorers
+        needs_costmap = request.use_poses or 'CostmapScorer' in self._parameters.edge_scorers
         costmap = self._robot.costmaps.shared if needs_costmap else None
-        return RoutePlanner(self._graph, self._score, self._parameters.routes.shape, costmap)
+        return RoutePlanner(self._graph, self._score, self._parameters.shape, costmap)
 
     def _limit(self, goal: ServedGoal) -> Callable[[], None]:
-        steady, seconds = self._runtime.steady, self._parameters.routes.planning_seconds
+        steady, seconds = self._runtime.steady, self._parameters.planning_seconds
         end = steady.now() + seconds
 
         def check_time() -> None:

@@ -13,7 +13,7 @@ from flexbt_common.calls import ServedGoal
 from flexbt_common.runtime import NodeRuntime
 from flexbt_sim.ros_messages import path_message
 from flexbt_sim.routes import PlannedRoute, Progress, RouteTracker
-from flexbt_sim.server_common import SUCCEEDED, GoalEnd, NavigationParameters, PoseWatch, RobotInterface, end_by
+from flexbt_sim.server_common import SUCCEEDED, GoalEnd, PoseWatch, RobotInterface, RouteParameters, end_by
 from flexbt_sim.world import Pose
 
 from .messages import route_message
@@ -38,7 +38,7 @@ class RouteTracking:
     def __init__(
         self,
         runtime: NodeRuntime,
-        parameters: NavigationParameters,
+        parameters: RouteParameters,
         robot: RobotInterface,
         operations: RouteOperations,
         goal: ServedGoal,
@@ -80,10 +80,10 @@ class RouteTracking:
     def _on_planned(self, planned: PlannedRoute) -> None:
         if not self.active:
             return
-        self._tracker = RouteTracker(planned.route, self._parameters.routes.radii, planned.edge)
+        self._tracker = RouteTracker(planned.route, self._parameters.radii, planned.edge)
         stamp = self._runtime.clock.stamp()
-        self._route = route_message(planned.route, self._parameters.map_frame, stamp)
-        self._path = path_message(planned.path, self._parameters.map_frame, stamp)
+        self._route = route_message(planned.route, self._robot.parameters.map_frame, stamp)
+        self._path = path_message(planned.path, self._robot.parameters.map_frame, stamp)
         self._show(self._path)
         self._tell(self._tracker, rerouted=True)
         if self._watch is None:

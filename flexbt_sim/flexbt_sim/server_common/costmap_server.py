@@ -43,11 +43,12 @@ from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import grid_info
 from flexbt_sim.world import OccupancyMap, Pose, compose, drive, wrap
 
+from .costmap_parameters import CostmapParameters
 from .demand import Demand
 from .frames import MapFrame, asked_pose
 from .interface_fields import set_success
-from .navigation_parameters import NavigationParameters
 from .request_checks import bounded
+from .robot_parameters import RobotParameters
 
 GLOBAL, LOCAL = names.COSTMAPS
 PERIODS: Final = {GLOBAL: 1.0, LOCAL: 0.2}
@@ -82,7 +83,8 @@ class CostmapServer:
     def __init__(
         self,
         runtime: NodeRuntime,
-        parameters: NavigationParameters,
+        parameters: CostmapParameters,
+        robot: RobotParameters,
         map_frame: MapFrame,
         robot_pose: Callable[[], Pose],
         demand: Demand,
@@ -91,6 +93,7 @@ class CostmapServer:
         self._demand = demand
         self._runtime = runtime
         self._parameters = parameters
+        self._robot = robot
         self._map_frame = map_frame
         self._robot_pose = robot_pose
         self._kept: dict[str, _Kept] = {}
@@ -155,7 +158,7 @@ class CostmapServer:
         try:
             return self._kept[name]
         except KeyError:
-            raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._parameters.map_topic}') from None
+            raise NavigationError('UNKNOWN', f'there is no map: nothing on {self._robot.map_topic}') from None
 
     # -- what comes in -----------------------------------------------------------------------------------------------
 
@@ -239,7 +242,7 @@ class CostmapServer:
 
     def _mounted(self, frame: str) -> Pose:
         """Where a lidar is on the robot. Raises TransformError."""
-        base = self._parameters.base_frame
+        base = self._robot.base_frame
         if frame in ('', base):
             return Pose(0.0, 0.0, 0.0)
         (x, y, _), (_, _, z, w) = self._frames.lookup(base, frame)
@@ -269,7 +272,7 @@ class CostmapServer:
             footprint.publish(self._footprint(self._poses[-1][1]))
 
     def _header(self) -> Header:
-        return Header(frame_id=self._parameters.map_frame, stamp=self._runtime.clock.stamp())
+        return Header(frame_id=self._robot.map_frame, stamp=self._runtime.clock.stamp())
 
     def _part(self, name: str) -> Box:
         """The cells that are part of a costmap as others see it: of the local one those in the window."""

@@ -16,13 +16,12 @@ from flexbt_common.runtime import NodeRuntime
 from flexbt_common.transforms import TRANSFORM_TIMEOUT, Rigid, TransformListener, transformed
 from flexbt_common.values import seconds_of
 from flexbt_core.values import shown
-from flexbt_sim.navigation import STILL
 from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import pose_of
 from flexbt_sim.world import Pose
 
-from .navigation_parameters import NavigationParameters
 from .request_checks import finite_pose
+from .robot_parameters import RobotParameters
 
 OnPoses = Callable[[list[Pose]], None]
 OnError = Callable[[Exception], None]
@@ -64,7 +63,7 @@ class MapFrame:
     the node begins to hear ``tf`` then. So nothing is spent on it where all requests are in the frame of the map.
     """
 
-    def __init__(self, runtime: NodeRuntime, parameters: NavigationParameters) -> None:
+    def __init__(self, runtime: NodeRuntime, parameters: RobotParameters) -> None:
         self._runtime = runtime
         self._parameters = parameters
         self._name = parameters.map_frame
@@ -133,10 +132,10 @@ class MapFrame:
         """
         frame, target = header.frame_id, self._name
         if frame in ('', target):
-            return lambda: STILL
+            return lambda: Pose(0.0, 0.0, 0.0)
         listener = TransformListener.of(self._runtime)
         if listener.buffer.carries(self._parameters.base_frame, frame):
-            return lambda: STILL
+            return lambda: Pose(0.0, 0.0, 0.0)
 
         def lookup(time: float | None = None) -> Rigid:
             try:

@@ -19,7 +19,7 @@ from flexbt_sim.errors import SimulationError
 from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import OccupancyMap
 
-from .navigation_parameters import NavigationParameters
+from .costmap_parameters import CostmapParameters
 from .request_checks import check_frame
 
 KEEPOUT: Final = 0
@@ -30,10 +30,14 @@ class KeepoutFilter:
     """On the executor thread. ``on_mask`` gets each mask that comes."""
 
     def __init__(
-        self, runtime: NodeRuntime, parameters: NavigationParameters, on_mask: Callable[[OccupancyMap], None]
+        self,
+        runtime: NodeRuntime,
+        parameters: CostmapParameters,
+        map_frame: str,
+        on_mask: Callable[[OccupancyMap], None],
     ) -> None:
         self._node = runtime.node
-        self._map_frame = parameters.map_frame
+        self._map_frame = map_frame
         self._on_mask = on_mask
         self._topic = ''
         self._masks: Any = None

@@ -24,12 +24,13 @@ from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import OccupancyMap, Pose
 
 from .action_results import CANCELED, GoalEnd, end_by
+from .costmap_parameters import CostmapParameters
 from .costmap_server import CostmapServer
 from .demand import Demand
 from .frames import Asked, MapFrame
 from .keepout_filter import KeepoutFilter
-from .navigation_parameters import NavigationParameters
 from .request_checks import check_frame, finite_pose
+from .robot_parameters import RobotParameters
 
 CHECK_SECONDS: Final = 0.1
 """From one look whether poses still come to the next, at least, s of wall time."""
@@ -79,12 +80,16 @@ class RobotInterface:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, parameters: NavigationParameters, in_process: IntraProcessTopics | None = None
+        self,
+        runtime: NodeRuntime,
+        parameters: RobotParameters,
+        costmaps: CostmapParameters,
+        in_process: IntraProcessTopics | None = None,
     ) -> None:
         """``in_process``: the topics of a robot that is simulated in this process."""
         in_process = in_process or IntraProcessTopics()
         self._runtime = runtime
-        self._parameters = parameters
+        self.parameters = parameters
         self.on_pose: list[Callable[[Pose, float], None]] = []
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
@@ -99,9 +104,9 @@ class RobotInterface:
         demand.reasons.append(lambda: self._is_moving)  # somebody else drives: what is seen on the way is to be kept
         demand.subscribe(PoseStamped, parameters.pose_topic, QoSProfile(depth=1), self._receive_pose)
         node.create_subscription(OccupancyGrid, parameters.map_topic, self._receive_map, names.latched())
-        KeepoutFilter(runtime, parameters, self._receive_mask)
+        KeepoutFilter(runtime, costmaps, parameters.map_frame, self._receive_mask)
         self.map_frame = MapFrame(runtime, parameters)
-        self.costmaps = CostmapServer(runtime, parameters, self.map_frame, lambda: self.pose, demand)
+        self.costmaps = CostmapServer(runtime, costmaps, parameters, self.map_frame, lambda: self.pose, demand)
         command_type: Any = TwistStamped if parameters.stamped_cmd_vel else Twist
         self._commands = in_process.publisher(node.create_publisher(command_type, parameters.cmd_vel_topic, 1))
 
@@ -115,7 +120,7 @@ class RobotInterface:
             return
         self._waiting.append(go_on)
         goal.on_cancel(lambda: self._waited_enough(go_on))
-        seconds = max(self._parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
+        seconds = max(self.parameters.pose_timeout, RETURN_SECONDS if self._was_gone else 0.0)
         self._runtime.post_in(seconds, lambda: self._waited_enough(go_on))
 
     def with_poses(
@@ -157,7 +162,7 @@ class RobotInterface:
 
     @property
     def _is_known(self) -> bool:
-        return self.silence < self._parameters.pose_timeout and self._map is not None
+        return self.silence < self.parameters.pose_timeout and self._map is not None
 
     def _tell_waiting(self) -> None:
         if self._waiting and self._is_known:
@@ -173,10 +178,10 @@ class RobotInterface:
     def pose(self) -> Pose:
         """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
         silence = self.silence
-        if self._pose is None or silence >= self._parameters.pose_timeout:
+        if self._pose is None or silence >= self.parameters.pose_timeout:
             since = '' if self._pose is None else f' for {silence:.1f} s'
             raise NavigationError(
-                'TF_ERROR', f'the pose of the robot is not known: nothing on {self._parameters.pose_topic}{since}'
+                'TF_ERROR', f'the pose of the robot is not known: nothing on {self.parameters.pose_topic}{since}'
             )
         return self._pose
 
@@ -188,7 +193,7 @@ class RobotInterface:
 
     def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
         """Have ``on_lost`` called when no pose has come for the pose timeout, from now on."""
-        return PoseWatch(self._runtime, self._parameters.pose_timeout, lambda: self.silence, on_lost)
+        return PoseWatch(self._runtime, self.parameters.pose_timeout, lambda: self.silence, on_lost)
 
     def forget_pose(self) -> None:
         """What told the pose is gone."""
@@ -199,7 +204,7 @@ class RobotInterface:
         """Send a velocity command."""
         command = Twist()
         command.linear.x, command.angular.z = float(velocity.linear), float(velocity.angular)
-        if self._parameters.stamped_cmd_vel:
+        if self.parameters.stamped_cmd_vel:
             message = TwistStamped(twist=command)
             message.header.stamp = self._runtime.clock.stamp()
             self._commands.publish(message)
@@ -218,7 +223,7 @@ class RobotInterface:
         try:
             message = received.unpack(PoseStamped)
             check_limits(message)
-            check_frame(message.header.frame_id, self._parameters.map_frame, 'the pose of the robot')
+            check_frame(message.header.frame_id, self.parameters.map_frame, 'the pose of the robot')
             self._pose = finite_pose(message.pose, 'the pose of the robot', 'TF_ERROR')
         except (FlexbtError, ValueError) as error:
             # They come at a high rate.
@@ -236,7 +241,7 @@ class RobotInterface:
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:
             check_limits(grid)
-            check_frame(grid.header.frame_id, self._parameters.map_frame, 'the map')
+            check_frame(grid.header.frame_id, self.parameters.map_frame, 'the map')
             self._map = map_of(grid)
         except FlexbtError as error:
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)

@@ -7,7 +7,7 @@ import pytest
 
 from flexbt_common.errors import UnfitParameterError
 from flexbt_common.runtime import NodeRuntime
-from flexbt_sim.server_common import declare_navigation_parameters
+from flexbt_sim.nodes import declare_navigation_parameters
 
 
 @pytest.mark.parametrize(

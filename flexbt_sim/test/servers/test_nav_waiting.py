@@ -21,11 +21,11 @@ from flexbt_common import names
 from flexbt_common.calls import GoalStatus, ServedGoal
 from flexbt_common.runtime import NodeRuntime, Received, reports_writers
 from flexbt_common.values import duration_message, seconds_of, time_message
+from flexbt_sim.nodes import declare_navigation_parameters
 from flexbt_sim.ros_messages import transform
 from flexbt_sim.server_common import (
     RobotInterface,
     costmap_server,
-    declare_navigation_parameters,
     robot_interface,
 )
 from flexbt_sim.server_common.costmap_server import CostmapServer
@@ -39,6 +39,16 @@ from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 def world() -> Iterator[RobotProbe]:
     with open_world({'speed_factor': 10.0}) as probe:
         yield probe
+
+
+def robot_of(runtime: NodeRuntime) -> RobotInterface:
+    """What navigation servers on a node would have of the robot."""
+
+    def make() -> RobotInterface:
+        parameters = declare_navigation_parameters(runtime.node)
+        return RobotInterface(runtime, parameters.robot, parameters.costmaps)
+
+    return runtime.call(make)
 
 
 def wait(world: RobotProbe, seconds: float) -> SentGoal:
@@ -111,7 +121,7 @@ def test_who_has_nothing_to_do_sees_that_somebody_else_drives_the_robot() -> Non
         without_faults('robot_interface', parameters={'pose_topic': 'driven'}) as runtime,
         NodeRuntime.open('driver') as driver,
     ):
-        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        robot = robot_of(runtime)
         robot.on_pose.append(lambda where, _time: heard.append(where))
         poses = driver.call(lambda: driver.node.create_publisher(PoseStamped, 'driven', 1))
 
@@ -130,7 +140,7 @@ def test_who_has_nothing_to_do_sees_that_somebody_else_drives_the_robot() -> Non
 
 def test_a_pose_is_as_old_as_its_sending_and_no_older_than_the_one_before() -> None:
     with without_faults('robot_interface', parameters={'pose_topic': 'nobodys_pose'}) as runtime:
-        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        robot = robot_of(runtime)
         data = serialize_message(pose(DOCK))
 
         def receive(age: float) -> tuple[float, float]:
@@ -155,7 +165,7 @@ def test_a_scan_waits_for_the_frame_of_its_lidar_and_one_that_never_comes_is_tol
     told: list[str] = []
     monkeypatch.setattr(CostmapServer, '_complain', lambda _, error: told.append(str(error)))
     with without_faults('robot_interface', namespace='/alone') as runtime:
-        costmaps = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)).costmaps)
+        costmaps = robot_of(runtime).costmaps
         scan = LaserScan(ranges=[1.0], range_max=3.5)
         scan.header.frame_id = 'base_scan'
 
@@ -187,7 +197,7 @@ def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(mo
     monkeypatch.setattr(robot_interface, 'RETURN_SECONDS', 1000.0)
     parameters = {'pose_topic': 'nobodys_pose', 'map_topic': 'nobodys_map', 'pose_timeout': 0.1}
     with without_faults('robot_interface', parameters=parameters) as runtime:
-        robot = runtime.call(lambda: RobotInterface(runtime, declare_navigation_parameters(runtime.node)))
+        robot = robot_of(runtime)
         data = serialize_message(pose(DOCK))
         went_on = threading.Event()
 

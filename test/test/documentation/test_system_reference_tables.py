@@ -18,8 +18,8 @@ import flexbt_onboard.node.executive_parameters
 import flexbt_server.node.parameters
 from flexbt_common.runtime import NodeRuntime, ParameterDeclarer
 from flexbt_onboard.node.executive_parameters import declare_motion
+from flexbt_sim.nodes import declare_navigation_parameters
 from flexbt_sim.nodes.lifecycle_manager import declare_manager_parameters
-from flexbt_sim.server_common import declare_navigation_parameters
 from flexbt_sim.simulator import declare_simulator_parameters
 
 ROOT = Path(__file__).parents[3]
