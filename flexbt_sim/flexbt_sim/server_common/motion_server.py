@@ -92,7 +92,7 @@ class MotionArbiter:
         """Bring the robot to rest, and let no motion drive until that is over; none is ended."""
         self._is_held = is_held
         if is_held and self.running is not None:
-            self.robot.drive(STOP)
+            self.robot.drive(*STOP)
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
@@ -103,7 +103,7 @@ class MotionArbiter:
         running.poses += 1
         running.now = now
         if self._is_held:
-            self.robot.drive(STOP)
+            self.robot.drive(*STOP)
             return
         try:
             velocity = running.motion.step(pose, now)
@@ -113,7 +113,7 @@ class MotionArbiter:
         if velocity is None:
             self.end(SUCCEEDED)
             return
-        self.robot.drive(self.monitor(pose, velocity))
+        self.robot.drive(*self.monitor(pose, velocity))
         if running.poses % FEEDBACK_EVERY == 1:
             running.goal.publish_feedback(running.feedback(running.motion))
 
@@ -130,7 +130,7 @@ class MotionArbiter:
         if running is None:
             return
         if stop:
-            self.robot.drive(STOP)
+            self.robot.drive(*STOP)
         running.on_end(end, max(0.0, running.now - running.began))
 
     def cancel(self, goal: ServedGoal) -> None:

@@ -18,7 +18,6 @@ from flexbt_common.runtime import COMPLAINT_SECONDS, NodeRuntime, Received
 from flexbt_common.values import check_limits, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_sim.intra_process import IntraProcessTopics
-from flexbt_sim.navigation import Velocity
 from flexbt_sim.navigation_errors import NavigationError
 from flexbt_sim.ros_messages import map_of
 from flexbt_sim.world import OccupancyMap, Pose
@@ -200,10 +199,10 @@ class RobotInterface:
         self._demand.take_all()  # nothing that it has said before is news
         self._pose, self._pose_heard, self._was_gone = None, -math.inf, True
 
-    def drive(self, velocity: Velocity) -> None:
-        """Send a velocity command."""
+    def drive(self, linear: float, angular: float) -> None:
+        """Send a velocity command, m/s and rad/s."""
         command = Twist()
-        command.linear.x, command.angular.z = float(velocity.linear), float(velocity.angular)
+        command.linear.x, command.angular.z = float(linear), float(angular)
         if self.parameters.stamped_cmd_vel:
             message = TwistStamped(twist=command)
             message.header.stamp = self._runtime.clock.stamp()
