@@ -35,5 +35,6 @@ setup(
             'lifecycle_manager = flexbt_sim.executables:lifecycle_manager',
             'world_tool = flexbt_sim.executables:world_tool',
         ],
+        'flexbt.navigators': ['navigation = flexbt_sim.navigation:Navigator'],
     },
 )

@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any, Final
 
 from flexbt_common.cli import HintingArgumentParser
 from flexbt_core.values import counted, lines
 
 from .errors import SimulationError
-from .navigation import PERIOD, Navigator
-from .world import Pose, Trace, World, draw_world
+from .world import COMMAND_PERIOD, Pose, Trace, World, draw_world
+
+NAVIGATORS: Final = 'flexbt.navigators'
+"""Entry points of classes that drive a robot of a world to goals: that of flexbt_navigation."""
 
 FRAMES = 200
 """Most frames of a moving picture."""
@@ -71,10 +75,10 @@ def _run(world: World, options: argparse.Namespace) -> str:
     if not 0.0 < options.seconds <= 86_400.0:
         raise SimulationError(f'--seconds {options.seconds:g}: give more than 0, and at most a day')
     trace = Trace(world)
-    navigators = {name: Navigator(world, name) for name in goals}
+    navigators = {name: _navigator(world, name) for name in goals}
     trips = {name: navigators[name].start(goal) for name, goal in goals.items()}
     driven = set(goals)
-    steps = max(1, round(options.seconds / PERIOD))
+    steps = max(1, round(options.seconds / COMMAND_PERIOD))
     for number in range(steps):
         for name, (linear, angular) in drives.items():
             world.robots[name].command(linear, angular, world.time)
@@ -96,6 +100,14 @@ def _run(world: World, options: argparse.Namespace) -> str:
         ended = f'{trip.code or "reached"} after {trip.seconds:.1f} s, {trip.length:.1f} m'
         report.append(f'{name}: ' + ('on its way' if name in driven else ended))
     return '\n'.join(report)
+
+
+def _navigator(world: World, robot: str) -> Any:
+    """Return what drives a robot to goals. Raises SimulationError when no such package is installed."""
+    points = sorted(entry_points(group=NAVIGATORS), key=lambda point: point.name)
+    if not points:
+        raise SimulationError('--goal: nothing is installed that navigates; install the package flexbt_navigation')
+    return points[0].load()(world, robot)
 
 
 def _drive(world: World, text: str) -> tuple[str, tuple[float, float]]:

@@ -5,7 +5,7 @@ from .behaviors import ROLL_TIME, AssistedTeleop, DriveMotion, SpinMotion
 from .collision_monitor import slowed
 from .hybrid_planner import HybridPlanner, planner_for
 from .motions import LOOK_AHEAD, STOP, Inertia, KeepingApart, Motion, Steering, TurnLimits, Velocity, collides
-from .navigator import PERIOD, Navigator, Trip
+from .navigator import Navigator, Trip
 from .path_follower import STILL, FollowerLimits, PathFollower, ProgressChecker
 from .planner import END_TOLERANCE, SPACING, GridPlanner, PlanningStopped, StopFlag
 from .preparation import prepare_navigation
@@ -15,7 +15,6 @@ from .track import Track
 __all__ = [
     'END_TOLERANCE',
     'LOOK_AHEAD',
-    'PERIOD',
     'ROLL_TIME',
     'SPACING',
     'STILL',

@@ -18,15 +18,12 @@ import numpy
 
 from flexbt_sim.costmaps import Costmap, Inflation, LayeredCostmap, Observation, local_size
 from flexbt_sim.navigation_errors import NavigationError
-from flexbt_sim.world import OccupancyMap, Pose, World, compose
+from flexbt_sim.world import COMMAND_PERIOD, OccupancyMap, Pose, World, compose
 
 from .behaviors import DriveMotion, SpinMotion
 from .hybrid_planner import planner_for
 from .motions import STOP, Motion, Velocity
 from .path_follower import FollowerLimits, PathFollower
-
-PERIOD: Final = 0.05
-"""Time from command to command, s: 20 Hz, as Nav2's controller server."""
 
 PLAN_PERIOD: Final = 1.0
 GLOBAL_PERIOD: Final = 1.0
@@ -41,7 +38,7 @@ RECOVERABLE: Final = frozenset(
 
 T = TypeVar('T')
 Steps = Generator[None, None, T]
-"""What drives a robot: between two commands a PERIOD passes."""
+"""What drives a robot: between two commands a COMMAND_PERIOD passes."""
 
 
 @dataclass
@@ -98,7 +95,7 @@ class Navigator:
         """Drive to a goal; ``timeout`` in s of simulated time."""
         trip = self.start(goal, timeout)
         while self.step():
-            self._world.step(PERIOD)
+            self._world.step(COMMAND_PERIOD)
         return trip
 
     def start(self, goal: Pose, timeout: float = 3600.0) -> Trip:
@@ -108,8 +105,8 @@ class Navigator:
         return trip
 
     def step(self) -> bool:
-        """Give the next command, if there is one: a PERIOD of simulated time has to pass until the next call. False
-        when the trip is over."""
+        """Give the next command, if there is one: a COMMAND_PERIOD of simulated time has to pass until the next
+        call. False when the trip is over."""
         if self._steps is not None and next(self._steps, self) is self:
             self._steps = None
         return self._steps is not None
@@ -191,7 +188,7 @@ class Navigator:
 
     def _observe(self) -> None:
         scan, lidar = self._robot.scan, self._robot.model.lidar
-        if scan is None or lidar is None or scan.time < self._world.time - PERIOD / 2.0:
+        if scan is None or lidar is None or scan.time < self._world.time - COMMAND_PERIOD / 2.0:
             return
         robot = self._robot.estimate
         ranges = scan.ranges.astype(numpy.float64)

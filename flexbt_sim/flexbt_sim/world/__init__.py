@@ -74,12 +74,13 @@ from .plane import (
     outlines,
     wrap,
 )
-from .robot import Battery, Robot, Scan
+from .robot import COMMAND_PERIOD, Battery, Robot, Scan
 from .scenery import Door, Entity, Obstacle, Station, Zone
 from .world import EntityModel, EntityState, Snapshot, World, prepare_world
 
 __all__ = [
     'ANSWER_SECONDS',
+    'COMMAND_PERIOD',
     'COMPUTING_FACTOR',
     'FAR',
     'FARTHEST',

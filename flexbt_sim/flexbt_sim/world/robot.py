@@ -23,6 +23,9 @@ from .descriptions import (
 )
 from .plane import Body, Normals, Pose, Sensor, Surroundings, compose, drive, generator, inverse, wrap
 
+COMMAND_PERIOD: Final = 0.05
+"""Time from command to command, s, of a program that steps the world itself: 20 Hz, as Nav2's controller server."""
+
 CONVERGENCE: Final = (1.0, 0.8)
 """Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
 

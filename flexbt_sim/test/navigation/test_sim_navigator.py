@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy
 import pytest
 from numpy.typing import NDArray
 
 from flexbt_sim.costmaps import Costmap, Inflation
-from flexbt_sim.navigation import PERIOD, Navigator, Trip
+from flexbt_sim.navigation import Navigator, Trip
 from flexbt_sim.world import (
+    COMMAND_PERIOD,
     MODELS,
     Circle,
     LidarModel,
@@ -28,6 +31,7 @@ from flexbt_sim.world import (
     box,
     wrap,
 )
+from flexbt_sim.world_tool import main
 
 BLIND = RobotModel(lidar=None)
 SEEING = RobotModel(lidar=LidarModel(beams=180))
@@ -248,9 +252,26 @@ def test_several_drive_in_one_world_each_to_goals_of_its_own() -> None:
     navigators = [Navigator(world, name) for name in world.robots]
     trips = [one.start(goal) for one, goal in zip(navigators, [*places[1:], places[0]], strict=True)]
     while sum(one.step() for one in navigators):
-        world.step(PERIOD)
+        world.step(COMMAND_PERIOD)
     for trip, robot in zip(trips, world.robots.values(), strict=True):
         assert (trip.code, trip.contacts) == ('', 0), trip
         assert robot.pose.distance(trip.goal) < 0.25
     assert world.time < sum(trip.seconds for trip in trips)
     assert not any(one.step() for one in navigators)
+
+
+def test_world_tool_has_it_drive_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'world.yaml'
+    file.write_text(
+        'plan: {rooms: [{from: [0, 0], to: [4, 2]}]}\n'
+        'robots: {alpha: {model: burger, pose: [1, 1, 0]}}\n'
+        'places: {corner: [1.6, 0.5, 0]}\n'
+    )
+    run = ['run', str(file), str(tmp_path / 'run.png'), '--pixels', '120']
+    assert main([*run, '--goal', 'alpha=corner', '--seconds', '40']) == 0
+    assert re.search(r'\nalpha: reached after \d+\.\d s, \d\.\d m\n', capsys.readouterr().out)
+    assert main([*run, '--goal', 'alpha=0.8,0.8,0', '--seconds', '0.5']) == 0
+    assert '\nalpha: on its way\n' in capsys.readouterr().out
+    for wrong in ('alpha=here', 'beta=corner', 'alpha=1,2', 'alpha=1,2,up'):
+        assert main([*run, '--goal', wrong]) == 1
+    assert capsys.readouterr().err.count('places: corner') == 4
