@@ -28,7 +28,7 @@ from flexbt_server.leaves import topic_cache, trigger_services
 from flexbt_server.navigators import navigator
 from flexbt_server.runs import run_logs
 from flexbt_server.trees import blackboards
-from flexbt_sim.nodes import behavior_server
+from flexbt_sim.nodes.behavior_server import MOST_DISTANCE, MOST_SPEED, MOST_TURN
 from flexbt_sim.world import FARTHEST, MAX_CELLS, MAX_RESOLUTION, MIN_RESOLUTION
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
@@ -104,10 +104,7 @@ def bounds() -> Iterator[tuple[str, str]]:
     )
     yield (
         'a place; of one motion its turn, distance and speed',
-        (
-            f'±{FARTHEST:,.0f} m; ±{behavior_server.MOST_TURN:,.0f} rad, {behavior_server.MOST_DISTANCE:,.0f} m, '
-            f'{behavior_server.MOST_SPEED:g} m/s'
-        ),
+        (f'±{FARTHEST:,.0f} m; ±{MOST_TURN:,.0f} rad, {MOST_DISTANCE:,.0f} m, {MOST_SPEED:g} m/s'),
     )
     yield 'a map, and a cell of it', f'{MAX_CELLS:,} cells; {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
     yield (

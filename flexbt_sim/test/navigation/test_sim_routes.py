@@ -34,10 +34,10 @@ from flexbt_sim.routes import (
     find_route,
     nearest_node,
     pruned,
-    route_path,
     speed_limit,
 )
 from flexbt_sim.routes.lines import greatest_costs, line_costs
+from flexbt_sim.routes.route_path import route_path
 from flexbt_sim.world import Pose
 
 DISTANCE = edge_scorer([SCORERS['DistanceScorer']])
