@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes the generated pages and builds the documentation into out/docs.
+"""Write the generated pages and build the documentation into out/docs.
 
-Sphinx and what it needs are installed beside the workspace's packages.
-In a shell with the environment of the workspace (`make docs`); other options are Sphinx's.
+Sphinx and its dependencies are installed beside the workspace's packages.
+Run it in a shell with the environment of the workspace (`make docs`). Other options are passed to Sphinx.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ GENERATED: Final = (
     'make_states.py',
     'make_world_files.py',
 )
-"""The programs that write pages from the code; tests compare what is committed with what they write."""
+"""Programs that write pages from the code. Tests compare the committed pages with their output."""
 
 OUTPUT: Final = DOCS.parent / 'out' / 'docs'
 
 
 def install() -> None:
-    """Install the pinned packages into a directory of their own, unless they are there already.
+    """Install the pinned packages into a separate directory, unless they are installed.
 
-    Not into the virtual environment, as colcon and Sphinx want different versions of docutils.
+    colcon and Sphinx need different versions of docutils, so the virtual environment does not work.
     """
     stamp = PACKAGES / 'stamp'
     wanted = f'{hashlib.sha256(REQUIREMENTS.read_bytes()).hexdigest()} {sys.version}'
@@ -51,7 +51,7 @@ def install() -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
-    what = 'only run a program of this directory that needs these packages, with these arguments'
+    what = 'only run this program of this directory with its arguments; for programs that need these packages'
     parser.add_argument('--tool', nargs=argparse.REMAINDER, metavar='FILE', help=what)
     arguments, options = parser.parse_known_args()
     if arguments.tool == []:

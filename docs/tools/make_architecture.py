@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/explanation/architecture.md: packages and rooms, from the import contracts and the front doors.
+"""Write docs/explanation/architecture.md: packages and folders, from the import contracts and the docstrings.
 
-It needs nothing of the workspace.
+It needs no built workspace.
 """
 
 from __future__ import annotations
@@ -21,26 +21,25 @@ PAGE: Final = ROOT / 'docs' / 'explanation' / 'architecture.md'
 HEAD: Final = """\
 # Architecture
 
-Packages and their rooms, as the import contracts in `pyproject.toml` say it (`docs/tools/make_architecture.py` writes
-this page; `make lint` keeps the contracts). A room is a folder with one purpose: it imports only what lies below it,
-and its `__init__.py` is its front door.
+Packages and their folders, from the import contracts in `pyproject.toml`, which `make lint` enforces
+(`docs/tools/make_architecture.py` writes this page). A folder has one purpose and imports only from folders below it.
 
 ## Packages
 
-A package may import those that are below it, and none beside it in the same row.
+A package may import packages below it, but none in the same row.
 """
-ON_LAYERS: Final = 'Layers are numbered from the top: a room imports only from lower ones, and from none beside it.'
+ON_LAYERS: Final = 'Layers are numbered from the top. A folder imports only from lower layers, not from its own.'
 
 
 def summary(package: Path) -> str:
-    """The first sentence or line of the docstring of a package."""
+    """Return the first sentence or line of the docstring of a package."""
     doc = ast.get_docstring(ast.parse((package / '__init__.py').read_text(encoding='utf-8'))) or ''
     text = ' '.join(doc.partition('\n\n')[0].split())
     return re.sub(r':\w+:`([^`]+)`', r'`\1`', text).replace('``', '`')
 
 
 def diagram(layers: list[str]) -> Iterator[str]:
-    """The layers of packages, top down, as a flowchart."""
+    """Return the layers of packages, top down, as a flowchart."""
     yield '```mermaid'
     yield 'flowchart TD'
     rows = [[name.strip() for name in layer.split('|')] for layer in layers]
@@ -55,16 +54,16 @@ def diagram(layers: list[str]) -> Iterator[str]:
     yield '```'
 
 
-def rooms(package: Path, depth: int = 0) -> Iterator[str]:
-    """A package and the rooms in it, each with its purpose, as a nested list."""
+def folders(package: Path, depth: int = 0) -> Iterator[str]:
+    """Return a package and its folders, each with its purpose, as a nested list."""
     yield f'{"  " * depth}- `{package.name}`: {summary(package)}'
     for inner in sorted(package.iterdir()):
         if (inner / '__init__.py').exists():
-            yield from rooms(inner, depth + 1)
+            yield from folders(inner, depth + 1)
 
 
 def contract(rule: dict[str, Any]) -> Iterator[str]:
-    """What a contract says, as a list."""
+    """Return a contract as a list."""
     yield f'- **{rule["name"]}**'
     if rule['type'] == 'forbidden':
         yield f'  - {_names(rule["source_modules"])}'
@@ -78,7 +77,7 @@ def _names(names: list[str]) -> str:
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     settings = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']
     packages = settings['root_packages']
     contracts = settings['contracts']
@@ -90,9 +89,9 @@ def page() -> str:
     lines = [HEAD, *diagram(layers), '', '## Contracts', '', ON_LAYERS, '']
     for rule in contracts:
         lines += contract(rule)
-    lines += ['', '## Rooms', '']
+    lines += ['', '## Folders', '']
     for name in packages:
-        lines += rooms(ROOT / name / name)
+        lines += folders(ROOT / name / name)
     return '\n'.join(lines) + '\n'
 
 

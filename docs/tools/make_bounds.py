@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes the tables of bounds in docs/reference/interfaces.md, from the constants that the code checks.
+"""Write the tables of bounds in docs/reference/interfaces.md, from the constants that the code checks.
 
 In a shell with the environment of the workspace.
 """
@@ -35,16 +35,16 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
 BEGIN: Final = '<!-- written by docs/tools/make_bounds.py -->\n'
 END: Final = '<!-- end of what is written -->\n'
 PARTS: Final = {'Goal': 'action', 'Request': 'srv'}
-"""Of a type's name, and where the interface is that it is a part of."""
+"""The suffix of a type's name, and the folder of the interface that it is part of."""
 
 
 def bounds() -> Iterator[tuple[str, str]]:
-    """What is bounded beside fields, and by how much."""
-    yield 'a text of which the next table says nothing (name, key, frame, identifier)', f'{limits.TEXT:,} characters'
-    yield 'a list of which it says nothing', f'{limits.LIST:,} elements'
+    """Return the bounds of everything except fields."""
+    yield 'a text that is not in the next table (name, key, frame, identifier)', f'{limits.TEXT:,} characters'
+    yield 'a list that is not in it', f'{limits.LIST:,} elements'
     yield 'a message', f'{limits.MESSAGE:,} characters, bytes and elements in all'
     yield (
-        'a command to the executive; of one sender',
+        'a command to the executive; those of one sender',
         (
             f'{command_intake.COMMAND_BYTES:,} bytes; {command_intake.COMMAND_RATE:g} a second, and '
             f'{command_intake.COMMAND_BURST} at once'
@@ -58,15 +58,15 @@ def bounds() -> Iterator[tuple[str, str]]:
             f'{lengths(command_bounds.INPUT_LENGTHS)}'
         ),
     )
-    yield 'input requests that wait at a time', f'{command_bounds.OPEN_REQUESTS}'
+    yield 'pending input requests', f'{command_bounds.OPEN_REQUESTS}'
     yield (
-        'a text for people that an executive sends',
-        (f'the middle of what is longer than {limits.LONG_TEXT:,} characters is left out'),
+        'a text for people from an executive',
+        (f'{limits.LONG_TEXT:,} characters; the middle of a longer one is cut'),
     )
-    yield 'YAML that is no JSON, as the text of a value', f'{value_text.MAX_YAML:,} characters'
-    yield 'the name of a file, and directories in it', f'{resources.MAX_NAME:,} characters; {resources.MAX_PARTS}'
+    yield 'YAML that is not JSON, as the text of a value', f'{value_text.MAX_YAML:,} characters'
+    yield 'the name of a file; directories in it', f'{resources.MAX_NAME:,} characters; {resources.MAX_PARTS}'
     yield (
-        'a message for a leaf that looks at a topic',
+        'a message for a leaf that reads a topic',
         ', '.join(
             [f'{limits.MESSAGE:,} bytes', *(f'`{one.__name__}` {n:,}' for one, n in latest_message.MOST_BYTES.items())]
         ),
@@ -80,58 +80,58 @@ def bounds() -> Iterator[tuple[str, str]]:
         ),
     )
     yield (
-        'results of an action that can be asked for again',
+        'results of an action that can be requested again',
         (
             f'{goal_server.MOST_RESULTS:,}, and {goal_server.RESULTS_LENGTH:,} characters, bytes and elements, for '
             f'{goal_server.RESULT_SECONDS:g} s'
         ),
     )
     yield (
-        'blackboards that are kept while nothing runs on them',
-        (f'{blackboards.MOST_BLACKBOARDS}, those that were named last, beside the shared one'),
+        'idle blackboards',
+        (f'{blackboards.MOST_BLACKBOARDS}, the last ones named, besides the shared one'),
     )
     yield (
-        'entries of a blackboard, and all values that were given from outside',
+        'entries of a blackboard; all values from outside',
         (f'{blackboards.MOST_KEYS:,}; {blackboards.MOST_VALUES:,} characters and bytes'),
     )
     yield (
-        'a text that an operator of a script makes; all texts of the blackboard then; a script',
+        'a text made by an operator of a script; all texts of the blackboard then; a script',
         (f'{values.MAX_TEXT:,} characters; {values.MAX_TEXTS:,}; {parser.MAX_TOKENS:,} tokens'),
     )
     yield (
-        'a machine that is kept, and how many of them',
+        'a stored machine; their number',
         (f'{machine_store.MACHINE_LENGTH:,} characters; {machine_store.MOST_MACHINES}'),
     )
     yield (
-        'a place; of one motion its turn, distance and speed',
+        'a place; turn, distance and speed of a motion',
         (f'±{FARTHEST:,.0f} m; ±{MOST_TURN:,.0f} rad, {MOST_DISTANCE:,.0f} m, {MOST_SPEED:g} m/s'),
     )
-    yield 'a map, and a cell of it', f'{MAX_CELLS:,} cells; {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
+    yield 'a map; a cell of it', f'{MAX_CELLS:,} cells; {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
     yield (
         "a frame of a message to Groot2's port",
         (f'{groot2_server.LARGEST_REQUEST:,} bytes; the connection is closed'),
     )
     yield (
-        'topics and services for leaves that are kept while no tree needs them',
+        'cached topics and services of leaves while no tree needs them',
         (f'{topic_cache.MOST_TOPICS}; {trigger_services.MOST_SERVICES}'),
     )
     yield (
-        'tokens of presence that an executive hears, of one process and of all',
+        'presence tokens that an executive accepts, of one process; of all',
         (f'{presence.TOKENS_OF_PARTICIPANT}; {presence.MOST_TOKENS}'),
     )
     yield (
-        'what waits for the disk: events; rounds of ticks',
+        'queued for the disk: events; rounds of ticks',
         (f'{event_log.MOST_WAITING:,}; {run_logs.MOST_WAITING:,}'),
     )
 
 
 def lengths(of: Mapping[str, int]) -> str:
-    """Characters, or bytes, of each field."""
+    """Return characters, or bytes, of each field."""
     return ', '.join(f'`{name}` {count:,}' for name, count in of.items())
 
 
 def fields() -> Iterator[tuple[str, str]]:
-    """The fields with a bound of their own."""
+    """Return the fields with their own bound."""
     for key, bound in limits.LIMITS.items():
         package, _, path = key.partition('/')
         type_name, _, field = path.partition('.')
@@ -142,7 +142,7 @@ def fields() -> Iterator[tuple[str, str]]:
 
 
 def unit(type: Any, field: str) -> str:
-    """In what the length of a field is told."""
+    """Return the unit of the length of a field."""
     kind = type.get_fields_and_field_types()[field.removesuffix('[]')]
     if kind == 'string' or field.endswith('[]'):
         return 'characters'
@@ -150,15 +150,15 @@ def unit(type: Any, field: str) -> str:
 
 
 def table(head: str, rows: Iterator[tuple[str, str]]) -> str:
-    """A table of what, and at most how much."""
-    return ''.join([f'| {head} | at most |\n|---|---|\n', *(f'| {what} | {most} |\n' for what, most in rows)])
+    """Return a table of two columns."""
+    return ''.join([f'| {head} | Limit |\n|---|---|\n', *(f'| {what} | {most} |\n' for what, most in rows)])
 
 
 def page() -> str:
-    """The whole page, with the tables as they are to be."""
+    """Return the whole page with the current tables."""
     before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
     after = rest.partition(END)[2]
-    return '\n'.join([before + BEGIN, table('what', bounds()), table('field', fields()), END + after])
+    return '\n'.join([before + BEGIN, table('Data', bounds()), table('Field', fields()), END + after])
 
 
 if __name__ == '__main__':

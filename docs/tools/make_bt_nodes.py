@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/reference/bt_nodes.md, the reference of the node types, from the declarations of their classes.
+"""Write docs/reference/bt_nodes.md, the reference of the node types, from the declarations of their classes.
 
 In a shell with the environment of the workspace.
 """
@@ -25,31 +25,30 @@ KINDS: Final = (NodeKind.CONTROL, NodeKind.DECORATOR, NodeKind.SUBTREE, NodeKind
 HEAD: Final = """\
 # The nodes of a behavior tree
 
-Every node type that a tree may name, with its ports, what its outcome depends on, and an example. The text comes from
-the declarations of the nodes (`docs/tools/make_bt_nodes.py` writes this page); every example is tested. Nodes of
-your own are written as the [tutorial](../tutorials/errands.md) shows, and the server and its tools find and list them
-in the same way.
+All node types, with their ports, results and an example. The text comes from the declarations of the nodes
+(`docs/tools/make_bt_nodes.py` writes this page), and every example is tested. The [tutorial](../tutorials/errands.md)
+shows how to write your own nodes. The server and its tools find and list them in the same way.
 
-A tick gives SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* is what the ticks of an example give, one after the other,
-each at the time that the tree asks for; *before* and *after* are entries of the blackboard.
+A tick returns SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* lists the results of an example's ticks, each at the time
+that the tree requests. *Before* and *after* are entries of the blackboard.
 
 Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
 `_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md). `{key}` points to an entry of the
-blackboard, `{=}` to the one that is named as the port, and `{@key}` to an entry of the topmost tree. How the engine
-ticks a tree is in [The behavior-tree engine](../explanation/bt_engine.md); where it differs from BehaviorTree.CPP, in
+blackboard, `{=}` to the one named like the port, and `{@key}` to an entry of the topmost tree. See also
+[How the engine ticks a tree](../explanation/bt_engine.md) and
 [Differences from BehaviorTree.CPP](bt_differences.md).
 
 ## Overview
 
-Control nodes, decorators and Nav2's nodes have the semantics of BehaviorTree.CPP 4 and Nav2, of its branches jazzy and
+Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and
 main. An arrow marks an output.
 
-| node | kind | ports | what it does |
+| Node | Kind | Ports | Effect |
 |---|---|---|---|"""
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     broken: list[str] = []
     registry = node_registry(lambda point, error: broken.append(f'{point}: {error}'))
     assert not broken, broken
@@ -66,7 +65,7 @@ def page() -> str:
 
 
 def overview_row(manifest: NodeManifest) -> str:
-    """The row of a node type in the table at the head of the page."""
+    """Return the row of a node type in the overview."""
     ports = ', '.join(
         f'→`{name}`' if port.direction is PortDirection.OUTPUT else f'`{name}`' for name, port in manifest.ports.items()
     )
@@ -75,7 +74,7 @@ def overview_row(manifest: NodeManifest) -> str:
 
 
 def section(manifest: NodeManifest) -> Iterator[str]:
-    """What the page says of one node type."""
+    """Return the section of one node type."""
     yield f'### {manifest.id}'
     yield ''
     yield manifest.documentation.replace('``', '`')
@@ -102,19 +101,19 @@ def section(manifest: NodeManifest) -> Iterator[str]:
 
 
 def _skill(manifest: NodeManifest) -> str:
-    """What is known of the skill of a leaf beyond what its ports tell."""
+    """Return the skill of a leaf, without what its ports show."""
     skill = node_skill(manifest)
     if skill is None or manifest.node_class.skill == Skill():
         return ''
-    told = [f'needs `{literal}`' for literal in skill.preconditions]
-    told += [f'has the {name} for itself' for name in skill.resources]
-    told += [
+    facts = [f'needs `{literal}`' for literal in skill.preconditions]
+    facts += [f'uses the {name} exclusively' for name in skill.resources]
+    facts += [
         f'after {name} `{"`, `".join(map(str, outcome.effects))}`'
         for name, outcome in skill.outcomes.items()
         if outcome.effects
     ]
-    told += ['what it has begun goes on after a halt'] * skill.ignores_cancel
-    return ', '.join(told)
+    facts += ['its work continues after a halt'] * skill.ignores_cancel
+    return ', '.join(facts)
 
 
 def _shown(example: Example) -> Iterator[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes the table of commands in docs/explanation/operator_link.md, from the registries of executive and console.
+"""Write the table of commands in docs/explanation/operator_link.md, from the registries of executive and console.
 
 In a shell with the environment of the workspace.
 """
@@ -20,13 +20,13 @@ PAGE: Final = Path(__file__).parents[1] / 'explanation' / 'operator_link.md'
 BEGIN: Final = '<!-- written by docs/tools/make_commands.py -->\n'
 END: Final = '<!-- end of what is written -->\n'
 HEAD: Final = """\
-| Command | `run_id` names | Needs the authority | At the console | Effect |
+| Command | `run_id` is | Needs authority | Console command | Effect |
 |---|---|---|---|---|
 """
 
 
 def rows() -> Iterator[str]:
-    """A row for each command of the executive."""
+    """Return a row for each command of the executive."""
     specs: dict[str, CommandSpec] = {}
     for spec in CONSOLE_COMMANDS:
         if isinstance(spec.action, Send):
@@ -39,7 +39,7 @@ def rows() -> Iterator[str]:
 
 
 def page() -> str:
-    """The whole page, with the table as it is to be."""
+    """Return the whole page with the current table."""
     before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
     after = rest.partition(END)[2]
     return ''.join([before, BEGIN, '\n', HEAD, *rows(), '\n', END, after])

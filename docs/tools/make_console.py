@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/reference/console.md, the reference of the console, from its registry of commands.
+"""Write docs/reference/console.md, the reference of the console, from its registry of commands.
 
 In a shell with the environment of the workspace.
 """
@@ -19,29 +19,32 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\
 # Console
 
-Every command of the operator's console, on the command line, at the interactive prompt and on the screen. The text
-comes from the registry of commands (`docs/tools/make_console.py` writes this page); `console COMMAND --help` shows the
+All commands of the operator's console, on the command line, at the interactive prompt and on the screen. The text
+comes from the registry of commands (`docs/tools/make_console.py` writes this page). `console COMMAND --help` prints the
 same.
 
-| command | what it does |
+## Overview
+
+| Command | Effect |
 |---|---|"""
 OPTIONS: Final = """\
 
-Every command has these options on the command line:
+## Common options
 
-| option | meaning |
+| Option | Meaning |
 |---|---|"""
 CODES: Final = """\
 
-What a command waits for is said on standard error when that takes longer than a second. A script acts on the exit
-code:
+## Exit codes
 
-| exit code | meaning |
+If a command waits longer than a second, it prints the reason to standard error. Scripts can use the exit code:
+
+| Exit code | Meaning |
 |---|---|"""
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     lines = [HEAD]
     lines += [f'| {_code(spec.usage)} | {_cell(spec.summary)} |' for spec in COMMANDS]
     lines += [OPTIONS, *(f'| {_code(option.usage)} | {_cell(option.help)} |' for option in COMMON_OPTIONS)]
@@ -52,7 +55,7 @@ def page() -> str:
 
 
 def section(spec: CommandSpec) -> Iterator[str]:
-    """What the page says of one command."""
+    """Return the section of one command."""
     yield f'## {spec.name}'
     yield ''
     yield _code(spec.usage)
@@ -62,12 +65,12 @@ def section(spec: CommandSpec) -> Iterator[str]:
         yield ''
         yield paragraph
     if spec.action is Mode.SCREEN:
-        yield from ('', '| key | | what it does |', '|---|---|---|')
+        yield from ('', '| Key | | Effect |', '|---|---|---|')
         yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
         yield from ('', HOW_KEYS_SEND)
     if spec.options:
         yield ''
-        yield '| option | meaning |'
+        yield '| Option | Meaning |'
         yield '|---|---|'
         yield from (f'| {_code(option.usage)} | {_cell(option.help)} |' for option in spec.options)
     yield ''
@@ -83,7 +86,7 @@ def _needs(spec: CommandSpec) -> Iterator[str]:
             decisions = ' or '.join(sorted(kind.name for kind in spec.action.answers.kinds))
             yield f'Answers a pending decision ({decisions}).'
         if spec.link is LinkNeed.HEARD:
-            yield 'At the prompt it is sent without a live link, too.'
+            yield 'The prompt sends it even without a live link.'
     yield 'On the command line and at the prompt.' if spec.in_prompt else 'On the command line only.'
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/reference/states.md, the reference of the states, from their declarations.
+"""Write docs/reference/states.md, the reference of the states, from their declarations.
 
 In a shell with the environment of the workspace.
 """
@@ -24,20 +24,20 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
 # The states
 
-Every state that comes with FlexBT, with its parameters, keys and outcomes. The text comes from the declarations of the
-states (`docs/tools/make_states.py` writes this page). KEY and OUTCOME stand for what a parameter names. Any state can
-be put into `with_timeout` or `with_retry`; one of your own is written as the [tutorial](../tutorials/errands.md) shows.
+All states of FlexBT, with their parameters, keys and outcomes. The text comes from the declarations of the
+states (`docs/tools/make_states.py` writes this page). KEY and OUTCOME stand for the value of a parameter. You can wrap
+any state in `with_timeout` or `with_retry`. The [tutorial](../tutorials/errands.md) shows how to write your own.
 
 ## Overview
 """
 FLEXBE: Final = """\
 ## Generic states of FlexBE
 
-In `flexbt_flexbe.states`, and in `flexbe_states` for code that imports them there; see
-[Coming from FlexBE](../how_to/coming_from_flexbe.md). Those that are missing here are states of `flexbt_states`.
+Import them from `flexbt_flexbe.states`; existing code may use `flexbe_states`
+([Coming from FlexBE](../how_to/coming_from_flexbe.md)). FlexBE's other generic states are in `flexbt_states`.
 """
 OVERVIEW: Final = """\
-| state | parameters | reads | writes | outcomes |
+| State | Parameters | Reads | Writes | Outcomes |
 |---|---|---|---|---|"""
 
 _MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'outcomes'}
@@ -46,7 +46,7 @@ _ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a docstring declares: pairs of name and text for each mark, and the text in front of them."""
+    """The declarations of a docstring: its text, and pairs of name and text for each mark."""
 
     text: str
     entries: dict[str, list[tuple[str, str]]]
@@ -66,7 +66,7 @@ def declaration(state: type[Any]) -> Declaration:
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     lines = [HEAD, *overview(flexbt_states), '']
     lines += ['## States of `flexbt_states`', '', *sections(flexbt_states)]
     lines += [FLEXBE, *overview(flexbt_flexbe.states, without=flexbt_states), '']
@@ -75,7 +75,7 @@ def page() -> str:
 
 
 def states_of(module: Any, without: Any = None) -> Iterator[type[Any]]:
-    """The states that a module exports; not those that only pass on one of the module ``without``."""
+    """Return the states that a module exports, except those that only subclass one of the module ``without``."""
     for name in sorted(module.__all__):
         state = getattr(module, name)
         if inspect.isclass(state) and name == state.__name__ and not _passes_on(state, without):
@@ -83,7 +83,7 @@ def states_of(module: Any, without: Any = None) -> Iterator[type[Any]]:
 
 
 def overview(module: Any, without: Any = None) -> Iterator[str]:
-    """The table of the states of a module, each with its other names."""
+    """Return the table of the states of a module, each with its other names."""
     yield OVERVIEW
     for state in states_of(module, without):
         entries = declaration(state).entries
@@ -93,13 +93,13 @@ def overview(module: Any, without: Any = None) -> Iterator[str]:
 
 
 def sections(module: Any, without: Any = None) -> Iterator[str]:
-    """What the page says of the states of a module."""
+    """Return the sections of the states of a module."""
     for state in states_of(module, without):
         yield from section(state)
 
 
 def section(state: type[Any]) -> Iterator[str]:
-    """What the page says of one state."""
+    """Return the section of one state."""
     declared = declaration(state)
     defaults = {one.name: one.default for one in inspect.signature(state).parameters.values()}
     yield f'### {state.__name__}'
@@ -107,7 +107,7 @@ def section(state: type[Any]) -> Iterator[str]:
     yield declared.text
     yield ''
     if declared.entries['parameters']:
-        yield '| parameter | type | default | meaning |'
+        yield '| Parameter | Type | Default | Meaning |'
         yield '|---|---|---|---|'
         for name, rest in declared.entries['parameters']:
             kind, _, meaning = rest.partition(' ')
@@ -118,14 +118,14 @@ def section(state: type[Any]) -> Iterator[str]:
         *((f'`{name}`', 'writes', text) for name, text in declared.entries['outputs']),
         *((f'`{name}`', _outcome(name), text) for name, text in declared.entries['outcomes']),
     ]
-    yield '| key or outcome | | meaning |'
+    yield '| Key or outcome | | Meaning |'
     yield '|---|---|---|'
     yield from (f'| {name} | {what} | {_cell(text)} |' for name, what, text in rows)
     yield ''
 
 
 def _outcome(name: str) -> str:
-    """An outcome with its class, where the name tells it."""
+    """Return an outcome, with its class if the name shows it."""
     kind = class_of(name)
     return 'outcome' if kind is None else f'outcome, {kind.value.replace("_", " ")}'
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writes docs/reference/world_files.md, the reference of world files, from the declarations of their keys and faults.
+"""Write docs/reference/world_files.md, the reference of world files, from the declarations of their keys and faults.
 
 In a shell with the environment of the workspace.
 """
@@ -47,46 +47,45 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
 HEAD: Final = """\
 # World files
 
-A world file is YAML and says what is in a simulated world. Every key is checked when it is read; all that is wrong is
-told at once, as `FILE:LINE:COLUMN: KEY: what is wrong, and what there is`. The text comes from the declarations of the
-keys (`docs/tools/make_world_files.py` writes this page). How to write one:
-[Worlds of your own](../how_to/own_world.md).
+A world file describes a simulated world in YAML. Every key is checked when the file is read. All errors are reported
+together, as `FILE:LINE:COLUMN: KEY: problem, and the valid choices`. The text comes from the declarations of the
+keys (`docs/tools/make_world_files.py` writes this page). See also [Create your own world](../how_to/own_world.md).
 
 - Lengths are in m, angles in rad, times in s of simulated time. A pose is `[x, y, yaw]` in the map, a point `[x, y]`.
 - A shape is a number, the radius of a circle; `[length, width]` of a box, along x and y; or the corners of a polygon in
-  their order, `[[x, y], [x, y], [x, y], ...]`.
-- Names are of letters, digits and `_`, a letter first, at most 63. They are unique among all entities, for robots are
-  namespaces. Places have names of their own.
-- Robots, places, stations and zones are on the map, these at least in part.
+  order, `[[x, y], [x, y], [x, y], ...]`.
+- A name has letters, digits and `_`, starts with a letter, and has at most 63 characters. Names are unique among all
+  entities, because robots are namespaces. Names of places are separate.
+- Robots, places and stations are on the map; zones at least in part.
 
-Between two steps nothing is jumped over: bodies go as far as nothing is in their way, and stop there. Robots, moving
-obstacles and doors stop for each other; a moving obstacle waits, and so does a door. Sensors see all of them.
+No body jumps over another between two steps: it moves up to the obstacle and stops there. Robots, moving obstacles and
+doors stop for each other; moving obstacles and doors then wait. Sensors see all of them.
 """
 ROBOTS: Final = """\
 ## Robots and models
 
-An entry of `robots` has a `pose`, a `model`, and any of these keys that are to be otherwise; an entry of `models` is
-`based_on` another one. What is left out is as in that model, at any depth.
+An entry of `robots` has a `pose`, a `model`, and any of these keys to override. An entry of `models` is `based_on`
+another one. Omitted keys are inherited from that model, at any depth.
 """
 FAULT_LIST: Final = """\
 ## Faults
 
-An entry of the list `faults`; the same by the service `simulator/set_fault` and by `World.set_fault`. `parameters` are
-those of the fault, and may be left out. The log of the simulator tells when a fault begins, and when it is over.
+Define a fault by an entry of the list `faults`, the service `simulator/set_fault`, or `World.set_fault`. `parameters`
+are those of the fault and are optional. The simulator logs when a fault starts and ends.
 """
 SERVERS: Final = """\
 A `server` is one of {}.
 
-These faults are carried out by the node `navigation` in the namespace of the robot, which hears of them on the latched
-topic `server_faults`. While there is none, `simulator/set_fault` refuses them: Nav2's own servers cannot be told to
-fail. Those of a world file wait for it. Each server can have each of them; clearing a name clears it for all servers.
-Of several of one server, a refusal is seen first, then the hang, then the failure.
+The node `navigation` in the robot's namespace executes these faults. It receives them on the latched
+topic `server_faults`. Without this node, `simulator/set_fault` refuses them, since Nav2's own servers cannot fail on
+command. Those of a world file wait for it. Each server can have each of them; clearing a name clears it for all
+servers. If one server has several, the refusal comes first, then the hang, then the failure.
 """
 TOPIC_LIST: Final = """\
 A `topic` is one of {}.
 
-`cmd_vel` is what the robot is driven by, whatever the parameter `cmd_vel_topic` says. Each topic can have both faults;
-clearing a name clears it for all topics. The robot has to have what a topic comes from.
+`cmd_vel` means the robot's command topic, whatever the parameter `cmd_vel_topic` is. Each topic can have both faults;
+clearing a name clears it for all topics. The robot must have the device of the topic.
 """
 ENTITIES: Final = {
     'obstacles': ObstacleModel, 'doors': DoorModel, 'stations': StationModel, 'zones': ZoneModel,
@@ -94,7 +93,7 @@ ENTITIES: Final = {
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     lines = [HEAD, '## The file', '', *table(WorldModel)]
     lines += [f'| `{name}` | | | {text} |' for name, text in SECTIONS.items()]
     lines += ['', '## Plan', '', *section(FloorPlan)]
@@ -104,7 +103,7 @@ def page() -> str:
     lines += [FAULT_LIST, *table(FaultTiming), '']
     for fault in FAULTS.values():
         whose = ' or a '.join(fault.entities)
-        lines += [f'### `{fault.name}`', '', f'{doc(fault)} A fault of a {whose}, carried out by the {fault.by}.', '']
+        lines += [f'### `{fault.name}`', '', f'{doc(fault)} A fault of a {whose}, executed by the {fault.by}.', '']
         lines += [*table(fault), ''] if keys_of(fault) else []
     lines += ['### Topics', '', TOPIC_LIST.format(', '.join(f'`{name}`' for name in TOPICS))]
     lines += ['### Navigation servers', '', SERVERS.format(', '.join(f'`{name}`' for name in NAVIGATION_SERVERS))]
@@ -112,12 +111,12 @@ def page() -> str:
 
 
 def doc(specification: type) -> str:
-    """Its docstring, on one line."""
+    """Return the docstring on one line."""
     return ' '.join((specification.__doc__ or '').split()).replace('``', '`')
 
 
 def section(specification: type[Specification]) -> Iterator[str]:
-    """What a specification is, its keys, and those of the mappings in it."""
+    """Return the section of a specification: its keys, and those of the mappings in it."""
     yield from [doc(specification), '', *table(specification), '']
     for name, kind in types_of(specification).items():
         for part in parts(kind):
@@ -128,7 +127,7 @@ def section(specification: type[Specification]) -> Iterator[str]:
 
 
 def parts(kind: Any) -> Iterator[type[Specification]]:
-    """The specifications in a type."""
+    """Return the specifications in a type."""
     if isinstance(kind, type) and not typing.get_args(kind):
         if issubclass(kind, Specification):
             yield kind
@@ -138,8 +137,8 @@ def parts(kind: Any) -> Iterator[type[Specification]]:
 
 
 def table(specification: type[Specification]) -> Iterator[str]:
-    """The keys of a specification."""
-    yield '| key | type | default | meaning |'
+    """Return the table of the keys of a specification."""
+    yield '| Key | Type | Default | Meaning |'
     yield '|---|---|---|---|'
     defaults = {one.name: one.default for one in dataclasses.fields(specification)}
     for name, key in keys_of(specification).items():
@@ -148,7 +147,7 @@ def table(specification: type[Specification]) -> Iterator[str]:
 
 
 def described(kind: Any, key: Key) -> str:
-    """The type of a key, with its unit, bounds and choices."""
+    """Return the type of a key, with its unit, bounds and choices."""
     if kind == Shape:
         return f'shape, at most {MAX_CORNERS} corners'
     if key.choices:
@@ -173,9 +172,9 @@ def described(kind: Any, key: Key) -> str:
 
 
 def shown(value: Any) -> str:
-    """A default."""
+    """Return a default as text."""
     if value is dataclasses.MISSING:
-        return 'needed'
+        return 'required'
     if isinstance(value, Specification):
         return ''
     if value is None or isinstance(value, bool):
@@ -192,13 +191,13 @@ def shown(value: Any) -> str:
 
 
 def number(value: float) -> str:
-    """A number as a person writes it."""
+    """Return a number as a person writes it."""
     return {math.tau: '2 pi', math.pi: 'pi', -math.pi: '-pi', float(2**53): '2^53'}.get(value, f'{value:g}')
 
 
 def models() -> Iterator[str]:
-    """The models that come along."""
-    yield from ['### Models that come along', '', '| | ' + ' | '.join(f'`{name}`' for name in MODELS) + ' |']
+    """Return the table of the included models."""
+    yield from ['### Included models', '', '| | ' + ' | '.join(f'`{name}`' for name in MODELS) + ' |']
     yield '|---|' + '---|' * len(MODELS)
     rows: dict[str, list[str]] = {}
     for model in MODELS.values():
@@ -210,7 +209,7 @@ def models() -> Iterator[str]:
 
 
 def values(specification: Specification, prefix: str = '') -> Iterator[tuple[str, str]]:
-    """All values of a model, by the paths of their keys."""
+    """Return all values of a model, by the paths of their keys."""
     for name in keys_of(type(specification)):
         value = getattr(specification, name)
         path = f'{prefix}{written(name)}'

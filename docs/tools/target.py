@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The argument of the programs of this directory: where to write."""
+"""The command-line argument of the programs of this directory: the output path."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 
 def target(what: str | None, default: Path) -> Path:
-    """The path on the command line, or ``default``; ``what`` is the text of ``--help``."""
+    """Return the path on the command line, or ``default``; ``what`` is the text of ``--help``."""
     parser = argparse.ArgumentParser(description=what, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('path', nargs='?', type=Path, default=default, help='is written instead of %(default)s')
+    parser.add_argument('path', nargs='?', type=Path, default=default, help='output path (default: %(default)s)')
     path: Path = parser.parse_args().path
     return path
